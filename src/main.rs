@@ -1,0 +1,2 @@
+//! The hysteron command.
+fn main() {}
