@@ -1,1 +1,7 @@
-//! To be written.
+//! The plant: parameters, port-Hamiltonian hysteron model, exact stepping, the chain of parts, experiments and logs.
+//!
+//! Host only, f64, SI units inside. What it does not do: fitting, judging or drawing (`gap-diagnosis`), and opening ports.
+
+pub mod exact;
+pub mod param;
+pub mod phs;

@@ -1,0 +1,569 @@
+//! The stepping itself: accept a whole move, halve it, or find the crossing.
+
+use super::Stepper;
+use super::dynamics::{DISPLACEMENT, DeadZone, Dynamics, VELOCITY};
+use super::energy::{Audit, NoAudit};
+use super::maps::{Columns, DEGREE, FINEST, Linear, apply, ladder};
+use std::collections::HashMap;
+
+/// A move is halved unless the velocity's cubic stays this far from zero, relative to the velocities and accelerations at its ends.
+/// The cubic's own error is (turning rate * move)^4 / 384 <= 0.0026 of that scale for moves of at most one turning time.
+const TURNING_MARGIN: f64 = 1e-2;
+/// Largest product of turning rate and the longest move tried.
+const LONGEST: f64 = 1.0;
+/// Motion below this fraction of a dead zone's width can't matter: with 120 um of travel it is 1e-18 m.
+const NEGLIGIBLE: f64 = 1e-14;
+/// Crossings at one and the same instant before the engine moves on without one; rounding at an edge needs two.
+const CROSSINGS_AT_ONCE: u32 = 8;
+/// Halvings at the most: 2^50 finest steps are beyond what f64 time can resolve.
+const MOST_HALVINGS: u32 = 50;
+
+/// The durations that the engine is asked for, in seconds: one sample, or the two parts of a sample with a fractional delay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spans {
+    durations_s: [f64; 2],
+}
+
+impl Spans {
+    /// One duration for every step.
+    pub fn whole(sample_s: f64) -> Self {
+        Self { durations_s: [sample_s, 0.0] }
+    }
+
+    /// A sample in two parts: span 0 lasts `first_s`, span 1 the rest.
+    pub fn split(sample_s: f64, first_s: f64) -> Self {
+        Self { durations_s: [first_s, sample_s - first_s] }
+    }
+}
+
+/// A, for one set of open dead zones, with its ladders of maps (one ladder per span).
+struct OpenSet<const N: usize> {
+    a: Columns<N>,
+    halvings: [u32; 2],
+    ladders: [Vec<Linear<N>>; 2],
+}
+
+/// One region: an open set with the signs of what is open.
+struct Region<const N: usize> {
+    signs: Signs,
+    open_set: usize,
+    /// c, constants in x' = A x + b f + c.
+    constant: [f64; N],
+    /// Response to `constant` over each map of the open set's ladders.
+    offsets: [Vec<[f64; N]>; 2],
+}
+
+/// Two bits per dead zone: 0 inside, 1 open upwards, 2 open downwards.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub(crate) struct Signs(u64);
+
+impl Signs {
+    pub(crate) fn get(self, zone: usize) -> f64 {
+        match (self.0 >> (2 * zone)) & 3 {
+            0 => 0.0,
+            1 => 1.0,
+            _ => -1.0,
+        }
+    }
+
+    fn with(self, zone: usize, sign: f64) -> Self {
+        let bits = if sign > 0.0 {
+            1
+        } else if sign < 0.0 {
+            2
+        } else {
+            0
+        };
+        Self(self.0 & !(3 << (2 * zone)) | bits << (2 * zone))
+    }
+
+    fn open(self) -> u64 {
+        (self.0 | self.0 >> 1) & 0x5555_5555_5555_5555
+    }
+}
+
+/// Steps a system of at most `N` states exactly.
+pub struct Engine<const N: usize> {
+    dynamics: Dynamics,
+    closed: Columns<N>,
+    force: [f64; N],
+    zones: Vec<DeadZone>,
+    acceleration_row: [f64; N],
+    negligible_m: f64,
+    durations_s: [f64; 2],
+    coarsest: [u32; 2],
+    open_sets: Vec<OpenSet<N>>,
+    open_set_of: HashMap<u64, usize>,
+    regions: Vec<Region<N>>,
+    region_of: HashMap<Signs, usize>,
+    x: [f64; N],
+    region: usize,
+}
+
+impl<const N: usize> Engine<N> {
+    /// An engine at rest in the zero state.
+    ///
+    /// `dynamics` must have at most `N` states.
+    pub fn new(dynamics: &Dynamics, spans: Spans) -> Self {
+        let states = dynamics.states();
+        let mut closed = [[0.0; N]; N];
+        let mut force = [0.0; N];
+        let mut acceleration_row = [0.0; N];
+        for j in 0..states {
+            for i in 0..states {
+                closed[j][i] = dynamics.closed[(i, j)];
+            }
+            force[j] = dynamics.force[j];
+            acceleration_row[j] = dynamics.closed[(VELOCITY, j)];
+        }
+        let coarsest = spans.durations_s.map(|s| halvings(s * dynamics.turning_rate_per_s / LONGEST));
+        let narrowest_m = dynamics.dead_zones.iter().map(|z| z.edge / z.per_metre).fold(f64::INFINITY, f64::min);
+        let mut engine = Self {
+            dynamics: dynamics.clone(),
+            closed,
+            force,
+            zones: dynamics.dead_zones.clone(),
+            acceleration_row,
+            negligible_m: NEGLIGIBLE * narrowest_m,
+            durations_s: spans.durations_s,
+            coarsest,
+            open_sets: Vec::new(),
+            open_set_of: HashMap::new(),
+            regions: Vec::new(),
+            region_of: HashMap::new(),
+            x: [0.0; N],
+            region: 0,
+        };
+        engine.region = engine.region_index(Signs(0));
+        engine
+    }
+
+    /// The state, padded with zeros.
+    pub(crate) fn x(&self) -> &[f64; N] {
+        &self.x
+    }
+
+    /// Index of the region with these signs; its maps are made when it is entered for the first time.
+    fn region_index(&mut self, signs: Signs) -> usize {
+        if let Some(&index) = self.region_of.get(&signs) {
+            return index;
+        }
+        let open_set = self.open_set_index(signs.open());
+        let mut constant = [0.0; N];
+        for (i, zone) in self.zones.iter().enumerate() {
+            constant[zone.state] += signs.get(i) * zone.edge * zone.rate_per_s;
+        }
+        let offsets = [0, 1].map(|span: usize| {
+            self.open_sets[open_set].ladders[span].iter().map(|map| apply(&map.constant, &constant)).collect()
+        });
+        self.regions.push(Region { signs, open_set, constant, offsets });
+        self.region_of.insert(signs, self.regions.len() - 1);
+        self.regions.len() - 1
+    }
+
+    fn open_set_index(&mut self, open: u64) -> usize {
+        if let Some(&index) = self.open_set_of.get(&open) {
+            return index;
+        }
+        let mut a = self.closed;
+        for (i, zone) in self.zones.iter().enumerate() {
+            if open >> (2 * i) & 1 == 1 {
+                a[zone.state][zone.state] -= zone.rate_per_s;
+            }
+        }
+        let rate_per_s = self.dynamics.fastest_rate_per_s(|i, j| a[j][i]);
+        let halvings =
+            [0, 1].map(|span: usize| halvings(self.durations_s[span] * rate_per_s / FINEST).max(self.coarsest[span]));
+        let ladders = [0, 1].map(|span: usize| {
+            if self.durations_s[span] > 0.0 {
+                ladder(&a, &self.force, self.durations_s[span], self.coarsest[span], halvings[span])
+            } else {
+                Vec::new()
+            }
+        });
+        self.open_sets.push(OpenSet { a, halvings, ladders });
+        self.open_set_of.insert(open, self.open_sets.len() - 1);
+        self.open_sets.len() - 1
+    }
+
+    /// State after one map of region `region`.
+    #[inline(always)]
+    fn moved<const RAMP: bool>(
+        &self,
+        region: &Region<N>,
+        span: usize,
+        rung: usize,
+        force_n: f64,
+        slope: f64,
+    ) -> [f64; N] {
+        let map = &self.open_sets[region.open_set].ladders[span][rung];
+        let mut y = region.offsets[span][rung];
+        for j in 0..N {
+            for i in 0..N {
+                y[i] += map.state[j][i] * self.x[j];
+            }
+        }
+        for i in 0..N {
+            y[i] += map.force[i] * force_n;
+            if RAMP {
+                y[i] += map.ramp[i] * slope;
+            }
+        }
+        y
+    }
+
+    #[inline(always)]
+    fn acceleration(&self, x: &[f64; N], force_n: f64) -> f64 {
+        let mut sum = self.force[VELOCITY] * force_n;
+        for j in 0..N {
+            sum += self.acceleration_row[j] * x[j];
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn inside(&self, signs: Signs, x: &[f64; N]) -> bool {
+        self.zones.iter().enumerate().all(|(i, zone)| excess(zone, signs.get(i), x[zone.state]) >= 0.0)
+    }
+
+    /// Whether the move from the present state to `y` within `duration_s` can't have left the region on its way.
+    #[inline(always)]
+    fn stayed(&self, signs: Signs, y: &[f64; N], duration_s: f64, force_n: [f64; 2]) -> bool {
+        if !self.inside(signs, y) {
+            return false;
+        }
+        let (w0, w1) = (self.x[VELOCITY], y[VELOCITY]);
+        let (a0, a1) = (self.acceleration(&self.x, force_n[0]), self.acceleration(y, force_n[1]));
+        // Bezier points of the cubic through both ends; the cubic lies in their hull.
+        let (p1, p2) = (w0 + a0 * duration_s / 3.0, w1 - a1 * duration_s / 3.0);
+        let size = w0.abs() + w1.abs() + duration_s * (a0.abs() + a1.abs());
+        let margin = TURNING_MARGIN * size;
+        if (w0 >= 0.0 && w1 >= 0.0 && p1 > margin && p2 > margin)
+            || (w0 <= 0.0 && w1 <= 0.0 && p1 < -margin && p2 < -margin)
+        {
+            return true;
+        }
+        self.out_of_reach(signs, duration_s, 2.0 * duration_s * size)
+    }
+
+    /// Whether no edge lies within `reach_m` of displacement from the present state.
+    #[cold]
+    fn out_of_reach(&self, signs: Signs, duration_s: f64, reach_m: f64) -> bool {
+        reach_m < self.negligible_m
+            || self.zones.iter().enumerate().all(|(i, zone)| {
+                let sign = signs.get(i);
+                let to_edge = excess(zone, sign, self.x[zone.state]);
+                // What is open closes by itself as well, at most to exp(-rate t) >= 1 - rate t of its excess.
+                let kept = if sign == 0.0 { 1.0 } else { 1.0 - zone.rate_per_s * duration_s };
+                to_edge * kept > zone.per_metre * reach_m
+            })
+    }
+
+    fn advance_audited<const RAMP: bool, A: Audit<N>>(&mut self, span: usize, force_n: f64, slope: f64, audit: &mut A) {
+        let duration_s = self.durations_s[span];
+        if duration_s == 0.0 {
+            return;
+        }
+        if self.coarsest[span] == 0 {
+            let region = &self.regions[self.region];
+            let y = self.moved::<RAMP>(region, span, 0, force_n, slope);
+            if self.stayed(region.signs, &y, duration_s, [force_n, force_n + slope * duration_s]) {
+                audit.map(self, span, 0, force_n);
+                self.x = y;
+                return;
+            }
+        }
+        self.walk::<RAMP, A>(span, force_n, slope, audit);
+    }
+
+    /// The slow path: descends the ladder where a whole move is not certain, and crosses edges.
+    #[inline(never)]
+    fn walk<const RAMP: bool, A: Audit<N>>(&mut self, span: usize, force_n: f64, slope: f64, audit: &mut A) {
+        let duration_s = self.durations_s[span];
+        let coarsest = self.coarsest[span];
+        let mut left_s = duration_s;
+        let mut crossings_at_once = 0;
+        'region: while left_s > 1e-15 * duration_s {
+            let halvings = self.open_sets[self.regions[self.region].open_set].halvings[span];
+            let tick_s = duration_s * 0.5f64.powi(halvings as i32);
+            // Whole ticks left, and the fraction of a tick that a crossing left behind; rounding must not make a tick of nothing.
+            let ticks = (left_s / tick_s * (1.0 + 1e-12)).floor();
+            let fraction_s = left_s - ticks * tick_s;
+            let mut ticks = ticks as u64;
+            if fraction_s > 1e-12 * tick_s {
+                let now_n = force_n + slope * (duration_s - left_s);
+                let (moved_s, crossed) =
+                    self.finest_step(fraction_s, now_n, slope, crossings_at_once < CROSSINGS_AT_ONCE, audit);
+                crossings_at_once = if moved_s > 0.0 { 0 } else { crossings_at_once + 1 };
+                left_s -= moved_s;
+                if crossed {
+                    continue 'region;
+                }
+            }
+            while ticks > 0 {
+                let mut level = (halvings - ticks.ilog2()).max(coarsest);
+                left_s = ticks as f64 * tick_s;
+                let now_n = force_n + slope * (duration_s - left_s);
+                loop {
+                    let rung = (level - coarsest) as usize;
+                    let move_s = duration_s * 0.5f64.powi(level as i32);
+                    let region = &self.regions[self.region];
+                    let y = self.moved::<RAMP>(region, span, rung, now_n, slope);
+                    if self.stayed(region.signs, &y, move_s, [now_n, now_n + slope * move_s]) {
+                        audit.map(self, span, rung, now_n);
+                        self.x = y;
+                        ticks -= 1 << (halvings - level);
+                        break;
+                    }
+                    if level < halvings {
+                        level += 1;
+                        continue;
+                    }
+                    let (moved_s, crossed) =
+                        self.finest_step(tick_s, now_n, slope, crossings_at_once < CROSSINGS_AT_ONCE, audit);
+                    crossings_at_once = if moved_s > 0.0 { 0 } else { crossings_at_once + 1 };
+                    if crossed {
+                        left_s -= moved_s;
+                        continue 'region;
+                    }
+                    ticks -= 1;
+                    break;
+                }
+            }
+            return;
+        }
+    }
+
+    /// Moves by at most `step_s`, no longer than a finest step, up to the first crossing; returns the time moved and whether a
+    /// crossing ended it.
+    fn finest_step<A: Audit<N>>(
+        &mut self,
+        step_s: f64,
+        force_n: f64,
+        slope: f64,
+        may_cross: bool,
+        audit: &mut A,
+    ) -> (f64, bool) {
+        let region = &self.regions[self.region];
+        let signs = region.signs;
+        let a = &self.open_sets[region.open_set].a;
+        let mut series = Series { terms: [[0.0; N]; DEGREE + 1] };
+        series.terms[0] = self.x;
+        for degree in 1..=DEGREE {
+            let mut next = apply(a, &series.terms[degree - 1]);
+            for i in 0..N {
+                match degree {
+                    1 => next[i] += self.force[i] * force_n + region.constant[i],
+                    2 => next[i] += self.force[i] * slope,
+                    _ => {}
+                }
+                next[i] /= degree as f64;
+            }
+            series.terms[degree] = next;
+        }
+        let crossing = if may_cross { self.first_crossing(signs, &series, step_s) } else { None };
+        let moved_s = crossing.map_or(step_s, |c| c.time_s);
+        audit.series(self, &series, moved_s, force_n);
+        self.x = series.at(moved_s);
+        if let Some(Crossing { zone, sign, level, .. }) = crossing {
+            self.x[self.zones[zone].state] = level;
+            self.region = self.region_index(signs.with(zone, sign));
+        }
+        (moved_s, crossing.is_some())
+    }
+
+    /// The earliest edge that the series meets within `step_s`.
+    fn first_crossing(&self, signs: Signs, series: &Series<N>, step_s: f64) -> Option<Crossing> {
+        let mut from_s = 0.0;
+        for &to_s in series.turning_points(step_s).iter().chain(std::iter::once(&step_s)) {
+            let end = series.at(to_s);
+            let mut first: Option<Crossing> = None;
+            for (index, zone) in self.zones.iter().enumerate() {
+                let sign = signs.get(index);
+                if excess(zone, sign, end[zone.state]) >= 0.0 {
+                    continue;
+                }
+                let level = if sign == 0.0 { zone.edge.copysign(end[zone.state]) } else { sign * zone.edge };
+                let time_s = series.root(zone.state, level, from_s, to_s);
+                if first.as_ref().is_none_or(|f| time_s < f.time_s) {
+                    let entered = if sign == 0.0 { level.signum() } else { 0.0 };
+                    first = Some(Crossing { time_s, zone: index, sign: entered, level });
+                }
+            }
+            if first.is_some() {
+                return first;
+            }
+            from_s = to_s;
+        }
+        None
+    }
+
+    fn signs_of(&self, x: &[f64; N]) -> Signs {
+        let mut signs = Signs(0);
+        for (i, zone) in self.zones.iter().enumerate() {
+            let v = x[zone.state];
+            if v.abs() > zone.edge {
+                signs = signs.with(i, v.signum());
+            }
+        }
+        signs
+    }
+
+    pub(crate) fn advance_with<A: Audit<N>>(&mut self, span: usize, force_n: f64, audit: &mut A) {
+        self.advance_audited::<false, A>(span, force_n, 0.0, audit);
+    }
+
+    pub(crate) fn span_s(&self, span: usize, rung: usize) -> f64 {
+        self.durations_s[span] * 0.5f64.powi(self.coarsest[span] as i32 + rung as i32)
+    }
+
+    pub(crate) fn current_signs(&self) -> Signs {
+        self.regions[self.region].signs
+    }
+
+    pub(crate) fn current_matrices(&self) -> (&Columns<N>, &[f64; N], &[f64; N]) {
+        let region = &self.regions[self.region];
+        (&self.open_sets[region.open_set].a, &self.force, &region.constant)
+    }
+}
+
+/// A crossing: when, which dead zone, its new sign, and the value of its state there.
+#[derive(Clone, Copy)]
+struct Crossing {
+    time_s: f64,
+    zone: usize,
+    sign: f64,
+    level: f64,
+}
+
+/// Distance of value `v` from leaving the state that `sign` names; negative once it has left.
+#[inline(always)]
+fn excess(zone: &DeadZone, sign: f64, v: f64) -> f64 {
+    if sign == 0.0 { zone.edge - v.abs() } else { sign * v - zone.edge }
+}
+
+/// Smallest h with `product / 2^h <= 1`.
+fn halvings(product: f64) -> u32 {
+    if product > 1.0 { (product.log2().ceil() as u32).min(MOST_HALVINGS) } else { 0 }
+}
+
+/// Taylor polynomial of the whole state on a finest step.
+pub(crate) struct Series<const N: usize> {
+    terms: [[f64; N]; DEGREE + 1],
+}
+
+impl<const N: usize> Series<N> {
+    pub(crate) fn at(&self, t: f64) -> [f64; N] {
+        let mut x = self.terms[DEGREE];
+        for degree in (0..DEGREE).rev() {
+            for i in 0..N {
+                x[i] = x[i] * t + self.terms[degree][i];
+            }
+        }
+        x
+    }
+
+    /// Value and derivatives one and two of one state.
+    fn value_and_slopes(&self, state: usize, t: f64) -> [f64; 3] {
+        let [mut value, mut first, mut second] = [self.terms[DEGREE][state], 0.0, 0.0];
+        for degree in (0..DEGREE).rev() {
+            second = second * t + 2.0 * first;
+            first = first * t + value;
+            value = value * t + self.terms[degree][state];
+        }
+        [value, first, second]
+    }
+
+    /// Instants inside (0, step) at which the velocity changes its sign, in order: between them every dead zone moves one way.
+    ///
+    /// On a finest step the acceleration has at most one zero that matters (a second one would need velocity, acceleration and
+    /// jerk to vanish together), so the velocity has at most two.
+    fn turning_points(&self, step_s: f64) -> Vec<f64> {
+        let [w0, a0, _] = self.value_and_slopes(VELOCITY, 0.0);
+        let [w1, a1, _] = self.value_and_slopes(VELOCITY, step_s);
+        let mut ends = vec![(0.0, w0)];
+        if a0 * a1 < 0.0 {
+            let extremum = refine(0.0, step_s, a0, |t| {
+                let [_, slope, curvature] = self.value_and_slopes(VELOCITY, t);
+                (slope, curvature)
+            });
+            ends.push((extremum, self.value_and_slopes(VELOCITY, extremum)[0]));
+        }
+        ends.push((step_s, w1));
+        let mut turning = Vec::new();
+        for pair in ends.windows(2) {
+            let [(from_s, w_from), (to_s, w_to)] = [pair[0], pair[1]];
+            if w_from * w_to < 0.0 {
+                turning.push(self.root(VELOCITY, 0.0, from_s, to_s));
+            }
+        }
+        turning
+    }
+
+    /// Root of `state - level` between two instants on whose sides its signs differ (or where the first already is past it).
+    fn root(&self, state: usize, level: f64, from_s: f64, to_s: f64) -> f64 {
+        let start = self.value_and_slopes(state, from_s)[0] - level;
+        let end = self.value_and_slopes(state, to_s)[0] - level;
+        if start == 0.0 || (start < 0.0) == (end < 0.0) {
+            return from_s;
+        }
+        refine(from_s, to_s, start, |t| {
+            let [value, slope, _] = self.value_and_slopes(state, t);
+            (value - level, slope)
+        })
+    }
+}
+
+/// Root of `f` (value and slope) between `low` and `high`, where f(low) has the sign of `start`: Newton, kept inside by bisection.
+fn refine(mut low: f64, mut high: f64, start: f64, f: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let mut t = 0.5 * (low + high);
+    for _ in 0..60 {
+        let (value, slope) = f(t);
+        if value == 0.0 {
+            return t;
+        }
+        if (value < 0.0) == (start < 0.0) {
+            low = t;
+        } else {
+            high = t;
+        }
+        let newton = t - value / slope;
+        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        if (next - t).abs() <= 1e-15 * high {
+            return next;
+        }
+        t = next;
+    }
+    t
+}
+
+impl<const N: usize> Stepper for Engine<N> {
+    fn advance(&mut self, span: usize, force_n: f64, slope_n_per_s: f64) {
+        if slope_n_per_s == 0.0 {
+            self.advance_audited::<false, NoAudit>(span, force_n, 0.0, &mut NoAudit);
+        } else {
+            self.advance_audited::<true, NoAudit>(span, force_n, slope_n_per_s, &mut NoAudit);
+        }
+    }
+
+    fn record(&mut self, forces_n: &mut dyn Iterator<Item = f64>, displacement_m: &mut Vec<f64>) {
+        for force_n in forces_n {
+            displacement_m.push(self.x[DISPLACEMENT]);
+            self.advance_audited::<false, NoAudit>(0, force_n, 0.0, &mut NoAudit);
+        }
+    }
+
+    fn state(&self, index: usize) -> f64 {
+        self.x[index]
+    }
+
+    fn set_state(&mut self, state: &[f64]) {
+        self.x = [0.0; N];
+        self.x[..state.len().min(N)].copy_from_slice(&state[..state.len().min(N)]);
+        self.region = self.region_index(self.signs_of(&self.x));
+    }
+
+    fn regions_built(&self) -> usize {
+        self.regions.len()
+    }
+}
