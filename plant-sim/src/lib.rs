@@ -2,6 +2,13 @@
 //!
 //! Host only, f64, SI units inside. What it does not do: fitting, judging or drawing (`gap-diagnosis`), and opening ports.
 
+pub mod chain;
 pub mod exact;
+pub mod metrics;
+pub mod model;
 pub mod param;
 pub mod phs;
+pub mod spec;
+mod toml_file;
+
+pub use toml_file::FileError;

@@ -1,0 +1,314 @@
+//! Model files: the chain's parameters as TOML, each number with unit, uncertainty and source.
+//!
+//! Micrometres and microseconds appear in the keys here and nowhere else; [`Model::chain`] turns them into SI.
+
+use crate::chain::{Chain, Drive, MAX_HYSTERONS, Sensor};
+use crate::param::Param;
+use crate::phs::{Hysteron, Phs, PhsState};
+use crate::toml_file::{self, FileError};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Schema of the files that this version reads and writes.
+pub const SCHEMA: &str = "hysteron-model-1";
+
+/// A model file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Model {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// What it describes, in words.
+    pub name: String,
+    /// Which equations; `phs` is the only kind so far.
+    pub kind: Kind,
+    /// Converter and amplifier.
+    #[serde(default, skip_serializing_if = "DriveSection::is_empty")]
+    pub drive: DriveSection,
+    /// Transducer and hysterons.
+    pub actuator: ActuatorSection,
+    /// Mass, spring, damper.
+    pub structure: StructureSection,
+    /// Displacement sensor.
+    #[serde(default, skip_serializing_if = "SensorSection::is_empty")]
+    pub sensor: SensorSection,
+    /// State at the start of a run; absent means at rest or as the command's `--initial` says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial_state: Option<InitialStateSection>,
+    /// How a fitted model came about; for readers, not used by any computation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<toml::Table>,
+}
+
+/// Kinds of equations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Port-Hamiltonian plant with hysterons ([`crate::phs`]); none of them makes it linear and second order.
+    Phs,
+}
+
+/// `[drive]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveSection {
+    /// Lowest output.
+    #[serde(rename = "min_V", default, skip_serializing_if = "Option::is_none")]
+    pub min_v: Option<Param>,
+    /// Highest output.
+    #[serde(rename = "max_V", default, skip_serializing_if = "Option::is_none")]
+    pub max_v: Option<Param>,
+    /// Pure delay.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delay_us: Option<Param>,
+    /// Step of the digital-to-analog converter, at the actuator.
+    #[serde(rename = "quantum_V", default, skip_serializing_if = "Option::is_none")]
+    pub quantum_v: Option<Param>,
+}
+
+impl DriveSection {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// `[actuator]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorSection {
+    /// alpha; a coulomb per metre is also a newton per volt.
+    #[serde(rename = "transduction_C_per_m")]
+    pub transduction_c_per_m: Param,
+    /// The hysterons.
+    #[serde(default, rename = "hysteron", skip_serializing_if = "Vec::is_empty")]
+    pub hysterons: Vec<HysteronSection>,
+}
+
+/// `[[actuator.hysteron]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HysteronSection {
+    /// C.
+    #[serde(rename = "capacitance_F")]
+    pub capacitance_f: Param,
+    /// beta, slope of the admittance beyond the dead zone.
+    #[serde(rename = "slope_S")]
+    pub slope_s: Param,
+    /// d, full width of the dead zone.
+    #[serde(rename = "dead_zone_V")]
+    pub dead_zone_v: Param,
+}
+
+/// `[structure]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StructureSection {
+    /// M.
+    pub mass_kg: Param,
+    /// b.
+    #[serde(rename = "damping_N_s_per_m")]
+    pub damping_n_s_per_m: Param,
+    /// k.
+    #[serde(rename = "stiffness_N_per_m")]
+    pub stiffness_n_per_m: Param,
+}
+
+/// `[sensor]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSection {
+    /// Reading at zero displacement.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_um: Option<Param>,
+    /// White noise, rms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_um: Option<Param>,
+    /// Step of the analog-to-digital converter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quantum_um: Option<Param>,
+}
+
+impl SensorSection {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// `[initial_state]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitialStateSection {
+    /// q.
+    pub displacement_um: f64,
+    /// q'.
+    pub velocity_um_per_s: f64,
+    /// Voltage of each hysteron.
+    #[serde(rename = "hysteron_V")]
+    pub hysteron_v: Vec<f64>,
+    /// Drive that was held before the start.
+    #[serde(rename = "drive_V")]
+    pub drive_v: f64,
+}
+
+const MICRO: f64 = 1e-6;
+
+fn or(param: &Option<Param>, otherwise: f64) -> f64 {
+    param.as_ref().map_or(otherwise, |p| p.value)
+}
+
+impl Model {
+    /// Reads and validates a model file.
+    ///
+    /// # Errors
+    /// One line naming file, key and what to do.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let model: Self = toml_file::read(path, SCHEMA)?;
+        model.validate().map_err(|reason| FileError::Invalid { path: path.to_owned(), reason })?;
+        Ok(model)
+    }
+
+    /// Writes the model, whole or not at all.
+    ///
+    /// # Errors
+    /// The file that could not be written.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        toml_file::write(path, self)
+    }
+
+    /// The chain in SI units.
+    pub fn chain(&self) -> Chain {
+        Chain {
+            drive: Drive {
+                range_v: [or(&self.drive.min_v, f64::NEG_INFINITY), or(&self.drive.max_v, f64::INFINITY)],
+                delay_s: or(&self.drive.delay_us, 0.0) * MICRO,
+                quantum_v: or(&self.drive.quantum_v, 0.0),
+            },
+            plant: Phs {
+                mass_kg: self.structure.mass_kg.value,
+                damping_n_s_per_m: self.structure.damping_n_s_per_m.value,
+                stiffness_n_per_m: self.structure.stiffness_n_per_m.value,
+                transduction_c_per_m: self.actuator.transduction_c_per_m.value,
+                hysterons: self
+                    .actuator
+                    .hysterons
+                    .iter()
+                    .map(|h| Hysteron {
+                        capacitance_f: h.capacitance_f.value,
+                        slope_s: h.slope_s.value,
+                        dead_zone_v: h.dead_zone_v.value,
+                    })
+                    .collect(),
+            },
+            sensor: Sensor {
+                offset_m: or(&self.sensor.offset_um, 0.0) * MICRO,
+                noise_m: or(&self.sensor.noise_um, 0.0) * MICRO,
+                quantum_m: or(&self.sensor.quantum_um, 0.0) * MICRO,
+            },
+        }
+    }
+
+    /// The stated state at the start and the drive held before it, if the file states one.
+    pub fn stated_start(&self) -> Option<(PhsState, f64)> {
+        self.initial_state.as_ref().map(|s| {
+            let state = PhsState {
+                displacement_m: s.displacement_um * MICRO,
+                velocity_m_per_s: s.velocity_um_per_s * MICRO,
+                hysteron_v: s.hysteron_v.clone(),
+            };
+            (state, s.drive_v)
+        })
+    }
+
+    /// Every record with its key, its bounds of sense (positive, or not negative, or any) and its bounds of plausibility in SI.
+    fn records(&self) -> Vec<(String, &Param, Sense, [f64; 2])> {
+        use Sense::{Any, NotNegative, Positive};
+        let mut records = vec![
+            ("structure.mass_kg".to_owned(), &self.structure.mass_kg, Positive, [1e-7, 50.0]),
+            ("structure.damping_N_s_per_m".into(), &self.structure.damping_n_s_per_m, NotNegative, [1e-5, 1e5]),
+            ("structure.stiffness_N_per_m".into(), &self.structure.stiffness_n_per_m, Positive, [1.0, 1e10]),
+            ("actuator.transduction_C_per_m".into(), &self.actuator.transduction_c_per_m, Positive, [1e-6, 1e3]),
+        ];
+        for (i, h) in self.actuator.hysterons.iter().enumerate() {
+            let key = |name: &str| format!("actuator.hysteron[{}].{name}", i + 1);
+            records.push((key("capacitance_F"), &h.capacitance_f, Positive, [1e-15, 1.0]));
+            records.push((key("slope_S"), &h.slope_s, NotNegative, [1e-15, 1e6]));
+            records.push((key("dead_zone_V"), &h.dead_zone_v, NotNegative, [1e-6, 2e3]));
+        }
+        let optional = [
+            ("drive.min_V", &self.drive.min_v, Any, [-2e3, 2e3]),
+            ("drive.max_V", &self.drive.max_v, Any, [-2e3, 2e3]),
+            ("drive.delay_us", &self.drive.delay_us, NotNegative, [1e-3, 1e6]),
+            ("drive.quantum_V", &self.drive.quantum_v, NotNegative, [1e-7, 10.0]),
+            ("sensor.offset_um", &self.sensor.offset_um, Any, [-1e5, 1e5]),
+            ("sensor.noise_um", &self.sensor.noise_um, NotNegative, [1e-7, 100.0]),
+            ("sensor.quantum_um", &self.sensor.quantum_um, NotNegative, [1e-7, 100.0]),
+        ];
+        records.extend(optional.into_iter().filter_map(|(key, p, s, r)| p.as_ref().map(|p| (key.to_owned(), p, s, r))));
+        records
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        for (key, param, sense, _) in self.records() {
+            let value = param.value;
+            let wrong = match sense {
+                Sense::Positive => (!(value > 0.0 && value.is_finite())).then_some("must be positive"),
+                Sense::NotNegative => (!(value >= 0.0 && value.is_finite())).then_some("must not be negative"),
+                Sense::Any => (!value.is_finite()).then_some("must be a finite number"),
+            };
+            if let Some(wrong) = wrong {
+                return Err(format!("{key} is {value}: it {wrong}"));
+            }
+            for sigma in [param.sigma, param.sigma_abs].into_iter().flatten() {
+                if !(sigma >= 0.0 && sigma.is_finite()) {
+                    return Err(format!("{key} has sigma {sigma}: it must not be negative"));
+                }
+            }
+        }
+        if or(&self.drive.min_v, f64::NEG_INFINITY) >= or(&self.drive.max_v, f64::INFINITY) {
+            return Err("drive.min_V must lie below drive.max_V".to_owned());
+        }
+        let hysterons = self.actuator.hysterons.len();
+        if hysterons > MAX_HYSTERONS {
+            return Err(format!("{hysterons} hysterons; at most {MAX_HYSTERONS} can be stepped"));
+        }
+        if let Some(start) = &self.initial_state {
+            if start.hysteron_v.len() != hysterons {
+                return Err(format!(
+                    "initial_state.hysteron_V has {} numbers for {hysterons} hysterons",
+                    start.hysteron_v.len()
+                ));
+            }
+            let numbers = [start.displacement_um, start.velocity_um_per_s, start.drive_v];
+            if !numbers.iter().chain(&start.hysteron_v).all(|n| n.is_finite()) {
+                return Err("initial_state holds a number that is not finite".to_owned());
+            }
+        }
+        Ok(())
+    }
+
+    /// Numbers that are possible but look like a wrong unit, one plain line each.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings: Vec<String> = self
+            .records()
+            .into_iter()
+            .filter(|(_, param, _, [low, high])| param.value != 0.0 && !(*low..=*high).contains(&param.value))
+            .map(|(key, param, _, [low, high])| {
+                format!("{key} = {:e} is outside {low:e} .. {high:e}: check its unit", param.value)
+            })
+            .collect();
+        let gain_um_per_v = self.chain().plant.static_gain_m_per_v() / MICRO;
+        if !(1e-4..=1e3).contains(&gain_um_per_v) {
+            warnings.push(format!(
+                "alpha/k = {gain_um_per_v:.3e} um/V is outside 1e-4 .. 1e3: check the units of stiffness and transduction"
+            ));
+        }
+        warnings
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Sense {
+    Positive,
+    NotNegative,
+    Any,
+}

@@ -1,0 +1,506 @@
+//! SPEC: what to drive with, as text. One grammar for references (um) and open-loop commands (V).
+//!
+//! ```text
+//! SPEC    = PART ("+" PART)*
+//! PART    = KIND [":" AMPLITUDE ("um" | "V")] ["/" COUNT] ["@" WHEN] ("," OPTION)*
+//! WHEN    = FREQ "Hz" | FREQ "-" FREQ "Hz" ["/" TIME "s"] | TIME "s"
+//! OPTION  = "shaped" | "odd" | "log" | NAME "=" VALUE
+//! ```
+//!
+//! | kind | example | meaning |
+//! | --- | --- | --- |
+//! | zero, hold, step | `zero@5s`, `hold:40V@5s`, `step:80um` | constant; a step is a hold whose metrics are a step's |
+//! | square, sine, triangle | `sine:120um@100Hz` | periodic between plus and minus the amplitude |
+//! | sweep | `sweep:20V@1-2000Hz/4s` | sine, its frequency linear in time (`log`: exponential) |
+//! | ladder | `ladder:60V/8,hold=2s` | up in 8 equal levels and down again, each held |
+//! | multisine | `multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7` | random phases; the amplitude is the peak |
+//! | minor-loops | `minor-loops:60V@1Hz` | sines of falling amplitude, each nested in the last: full, 3/4, 1/2, 1/4 |
+//! | file | `file:ref.csv` | one number per sample, in the amplitude's unit: um unless `unit=V` |
+//!
+//! `for=2s` limits any part; every part but the last needs a length.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+/// Unit of the amplitudes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// A reference, micrometres in text and metres inside.
+    Micrometre,
+    /// A command.
+    Volt,
+}
+
+/// A parsed SPEC.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Spec {
+    /// Unit of every amplitude; `None` if only zeros are asked for.
+    pub unit: Option<Unit>,
+    /// The parts in sequence.
+    pub parts: Vec<Part>,
+}
+
+/// One part of the sequence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Waveform.
+    pub shape: Shape,
+    /// Amplitude in SI (metres or volts).
+    pub amplitude: f64,
+    /// Length in seconds, where the part has one.
+    pub seconds: Option<f64>,
+    /// Whether rate and acceleration are to be bounded.
+    pub shaped: bool,
+}
+
+/// Waveforms, for an amplitude of one.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// Zero.
+    Zero,
+    /// Constant.
+    Hold,
+    /// Constant from the first sample, evaluated as a step.
+    Step,
+    /// +1 for the first half of each period, then -1.
+    Square {
+        /// Frequency in hertz.
+        hz: f64,
+    },
+    /// Sine from phase zero.
+    Sine {
+        /// Frequency in hertz.
+        hz: f64,
+    },
+    /// Triangle from zero upwards.
+    Triangle {
+        /// Frequency in hertz.
+        hz: f64,
+    },
+    /// Sine of changing frequency.
+    Sweep {
+        /// Frequency at the start and at the end in hertz.
+        hz: [f64; 2],
+        /// Exponential in time rather than linear.
+        log: bool,
+    },
+    /// Staircase up and down.
+    Ladder {
+        /// Levels from zero (excluded) to the amplitude.
+        levels: u32,
+        /// Time on each level in seconds.
+        hold_s: f64,
+    },
+    /// Periodic sum of sines with random phases.
+    Multisine {
+        /// Lowest line, which is the spacing of the lines, and highest line, in hertz.
+        hz: [f64; 2],
+        /// Odd multiples of the lowest line only.
+        odd: bool,
+        /// Periods of each realisation.
+        periods: u32,
+        /// Different sets of phases.
+        realisations: u32,
+        /// Seed of the phases.
+        seed: u64,
+    },
+    /// Nested loops.
+    MinorLoops {
+        /// Frequency in hertz.
+        hz: f64,
+    },
+    /// Samples from a file.
+    File {
+        /// Text file with one number per line.
+        path: PathBuf,
+    },
+}
+
+/// Why a SPEC can't be used; the message names the part.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("SPEC part {part:?}: {reason}")]
+pub struct SpecError {
+    /// The part as written.
+    pub part: String,
+    /// What is wrong and what would do.
+    pub reason: String,
+}
+
+impl Spec {
+    /// Parses `text`.
+    ///
+    /// # Errors
+    /// The part that can't be understood and why.
+    pub fn parse(text: &str) -> Result<Self, SpecError> {
+        let mut unit = None;
+        let mut parts = Vec::new();
+        let texts: Vec<&str> = text.split('+').collect();
+        for (index, part_text) in texts.iter().enumerate() {
+            let fail = |reason: String| SpecError { part: (*part_text).to_owned(), reason };
+            let (part, part_unit) = parse_part(part_text).map_err(fail)?;
+            if let (Some(a), Some(b)) = (unit, part_unit)
+                && a != b
+            {
+                return Err(fail("mixes um and V in one sequence".into()));
+            }
+            unit = unit.or(part_unit);
+            if part.seconds.is_none() && index + 1 < texts.len() {
+                return Err(fail("needs a length because another part follows: add `,for=2s`".into()));
+            }
+            parts.push(part);
+        }
+        Ok(Self { unit, parts })
+    }
+
+    /// Whether any part asks for shaping.
+    pub fn shaped(&self) -> bool {
+        self.parts.iter().any(|p| p.shaped)
+    }
+}
+
+const KINDS: &str = "zero, step, square, sine, triangle, sweep, ladder, hold, multisine, minor-loops, file:PATH";
+
+fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
+    let (kind, rest) = match text.find([':', '@', ',', '/']) {
+        Some(at) => (text[..at].trim(), &text[at..]),
+        None => (text.trim(), ""),
+    };
+    if kind == "file" {
+        return parse_file(rest);
+    }
+    let mut fields = rest.split(',');
+    let head = fields.next().unwrap_or("");
+    let mut options = Options::parse(fields)?;
+    let (head, when) = head.split_once('@').map_or((head, None), |(h, w)| (h, Some(w.trim())));
+    let (head, count) = head.split_once('/').map_or((head, None), |(h, c)| (h, Some(c.trim())));
+    let (amplitude, unit) = match head.strip_prefix(':') {
+        Some(text) => parse_amplitude(text.trim()).map(|(a, u)| (Some(a), Some(u)))?,
+        None => (None, None),
+    };
+    let when = when.map(When::parse).transpose()?;
+    let tone = |what: &str| match when {
+        Some(When::Tone { hz }) => Ok(hz),
+        _ => Err(format!("a {what} needs a frequency, as in `{what}:20um@10Hz`")),
+    };
+    let band = |example: &str| match when {
+        Some(When::Band { hz, .. }) => Ok(hz),
+        _ => Err(format!("needs a band of frequencies, as in `{example}`")),
+    };
+    let mut seconds = match when {
+        Some(When::Time { seconds } | When::Band { seconds: Some(seconds), .. }) => Some(seconds),
+        _ => None,
+    };
+    let shape = match kind {
+        "zero" => Shape::Zero,
+        "hold" => Shape::Hold,
+        "step" => Shape::Step,
+        "square" => Shape::Square { hz: tone(kind)? },
+        "sine" => Shape::Sine { hz: tone(kind)? },
+        "triangle" => Shape::Triangle { hz: tone(kind)? },
+        "minor-loops" => {
+            let hz = tone(kind)?;
+            seconds = seconds.or(Some(2.0 * MINOR_LOOP_SCALES.len() as f64 / hz));
+            Shape::MinorLoops { hz }
+        }
+        "sweep" => {
+            let hz = band("sweep:20V@1-2000Hz/4s")?;
+            if seconds.is_none() {
+                return Err("a sweep needs its duration, as in `sweep:20V@1-2000Hz/4s`".into());
+            }
+            Shape::Sweep { hz, log: options.flag("log") }
+        }
+        "ladder" => {
+            let levels = count.and_then(|c| c.parse().ok()).filter(|&c: &u32| (1..=1000).contains(&c));
+            let levels = levels.ok_or("a ladder needs its number of levels, as in `ladder:60V/8,hold=2s`")?;
+            let hold_s = options.seconds("hold")?.ok_or("a ladder needs the time on each level, as in `hold=2s`")?;
+            seconds = Some(2.0 * f64::from(levels) * hold_s);
+            Shape::Ladder { levels, hold_s }
+        }
+        "multisine" => {
+            let hz = band("multisine:20V@1-2000Hz")?;
+            let (periods, realisations) = (options.whole("periods")?.unwrap_or(2), options.whole("realisations")?.unwrap_or(1));
+            if periods == 0 || realisations == 0 || periods.saturating_mul(realisations) > 100_000 {
+                return Err("periods and realisations must be between 1 and 100000 together".into());
+            }
+            seconds = seconds.or(Some((periods * realisations) as f64 / hz[0]));
+            Shape::Multisine {
+                hz,
+                odd: options.flag("odd"),
+                periods: periods as u32,
+                realisations: realisations as u32,
+                seed: options.whole("seed")?.unwrap_or(1),
+            }
+        }
+        _ => return Err(format!("unknown kind {kind:?}; known: {KINDS}")),
+    };
+    if count.is_some() && !matches!(shape, Shape::Ladder { .. }) {
+        return Err("only a ladder has a count after `/`".into());
+    }
+    let seconds = options.seconds("for")?.or(seconds);
+    let shaped = options.flag("shaped");
+    options.finish()?;
+    let amplitude = match (amplitude, &shape) {
+        (_, Shape::Zero) => 0.0,
+        (Some(amplitude), _) => amplitude,
+        (None, _) => return Err(format!("a {kind} needs an amplitude, as in `{kind}:20um`")),
+    };
+    Ok((Part { shape, amplitude, seconds, shaped }, unit))
+}
+
+fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {
+    let mut fields = rest.strip_prefix(':').unwrap_or("").split(',');
+    let path = fields.next().unwrap_or("");
+    if path.is_empty() {
+        return Err("needs a path, as in `file:reference.csv`".into());
+    }
+    let mut options = Options::parse(fields)?;
+    let unit = match options.text("unit").as_deref() {
+        None | Some("um") => Unit::Micrometre,
+        Some("V") => Unit::Volt,
+        Some(other) => return Err(format!("unit={other} is neither um nor V")),
+    };
+    let part = Part {
+        shape: Shape::File { path: PathBuf::from(path) },
+        amplitude: if unit == Unit::Micrometre { 1e-6 } else { 1.0 },
+        seconds: options.seconds("for")?,
+        shaped: options.flag("shaped"),
+    };
+    options.finish()?;
+    Ok((part, Some(unit)))
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("{text:?} is not a number"))
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{text:?} must be greater than zero")) })
+}
+
+fn parse_amplitude(text: &str) -> Result<(f64, Unit), String> {
+    if let Some(value) = text.strip_suffix("um") {
+        Ok((number(value)? * 1e-6, Unit::Micrometre))
+    } else if let Some(value) = text.strip_suffix('V') {
+        Ok((number(value)?, Unit::Volt))
+    } else {
+        Err(format!("amplitude {text:?} needs its unit, um or V"))
+    }
+}
+
+fn parse_time(text: &str) -> Result<f64, String> {
+    match (text.strip_suffix("ms"), text.strip_suffix('s')) {
+        (Some(ms), _) => positive(ms).map(|v| v * 1e-3),
+        (None, Some(s)) => positive(s),
+        (None, None) => Err(format!("time {text:?} needs its unit, s or ms")),
+    }
+}
+
+#[derive(Clone, Copy)]
+enum When {
+    Tone { hz: f64 },
+    Band { hz: [f64; 2], seconds: Option<f64> },
+    Time { seconds: f64 },
+}
+
+impl When {
+    fn parse(text: &str) -> Result<Self, String> {
+        let (frequency, time) = text.split_once('/').map_or((text, None), |(f, t)| (f, Some(t)));
+        let Some(frequency) = frequency.trim().strip_suffix("Hz") else {
+            return parse_time(text).map(|seconds| Self::Time { seconds });
+        };
+        let seconds = time.map(parse_time).transpose()?;
+        match frequency.split_once('-') {
+            Some((from, to)) => {
+                let hz = [positive(from)?, positive(to)?];
+                if hz[1] <= hz[0] {
+                    return Err(format!("band {frequency}Hz must go upwards"));
+                }
+                Ok(Self::Band { hz, seconds })
+            }
+            None => Ok(Self::Tone { hz: positive(frequency)? }),
+        }
+    }
+}
+
+/// Options as written; what nobody asked for is an error.
+struct Options(Vec<(String, Option<String>)>);
+
+impl Options {
+    fn parse<'a>(fields: impl Iterator<Item = &'a str>) -> Result<Self, String> {
+        fields
+            .map(|field| {
+                let field = field.trim();
+                if field.is_empty() {
+                    return Err("has an empty option".to_owned());
+                }
+                Ok(field
+                    .split_once('=')
+                    .map_or((field.to_owned(), None), |(name, value)| (name.to_owned(), Some(value.to_owned()))))
+            })
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+
+    fn take(&mut self, name: &str) -> Option<Option<String>> {
+        let at = self.0.iter().position(|(n, _)| n == name)?;
+        Some(self.0.remove(at).1)
+    }
+
+    fn flag(&mut self, name: &str) -> bool {
+        self.take(name).is_some()
+    }
+
+    fn text(&mut self, name: &str) -> Option<String> {
+        self.take(name).flatten()
+    }
+
+    fn seconds(&mut self, name: &str) -> Result<Option<f64>, String> {
+        self.text(name).map(|t| parse_time(&t)).transpose()
+    }
+
+    fn whole(&mut self, name: &str) -> Result<Option<u64>, String> {
+        self.text(name).map(|t| t.parse().map_err(|_| format!("{name}={t} is not a whole number"))).transpose()
+    }
+
+    fn finish(self) -> Result<(), String> {
+        match self.0.first() {
+            None => Ok(()),
+            Some((name, _)) => Err(format!("unknown option {name:?}")),
+        }
+    }
+}
+
+/// Amplitudes of the nested loops, two periods each.
+const MINOR_LOOP_SCALES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+
+/// Samples of a waveform that boards play from a table, for an amplitude of one; `None` for the kinds they generate.
+///
+/// A multisine's table holds one period of every realisation, a file's its numbers, minor loops all of their periods.
+///
+/// # Errors
+/// A file that can't be read, or a multisine whose period isn't a whole number of samples.
+pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, String> {
+    match shape {
+        Shape::Multisine { hz, odd, realisations, seed, .. } => {
+            let period = rate_hz / hz[0];
+            if (period - period.round()).abs() > 1e-6 * period || period > 1e7 {
+                return Err(format!(
+                    "the lowest line {} Hz must divide the rate {rate_hz} Hz; the nearest that does is {} Hz",
+                    hz[0],
+                    rate_hz / period.round().max(1.0)
+                ));
+            }
+            if hz[1] >= rate_hz / 2.0 {
+                return Err(format!("the highest line {} Hz must lie below half the rate, {} Hz", hz[1], rate_hz / 2.0));
+            }
+            let mut random = Pcg64::seed_from_u64(*seed);
+            let tables = (0..*realisations).map(|_| multisine(period.round() as usize, hz[1] / hz[0], *odd, &mut random));
+            Ok(Some(tables.collect()))
+        }
+        Shape::MinorLoops { hz } => {
+            let period = rate_hz / hz;
+            let total = (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round() as usize;
+            let sample = |k: usize| {
+                let turns = k as f64 / period;
+                let scale = MINOR_LOOP_SCALES[((turns / 2.0) as usize).min(MINOR_LOOP_SCALES.len() - 1)];
+                (scale * (TAU * turns).sin()) as f32
+            };
+            Ok(Some(vec![(0..total).map(sample).collect()]))
+        }
+        Shape::File { path } => read_samples(path).map(|samples| Some(vec![samples])),
+        _ => Ok(None),
+    }
+}
+
+/// One period of a random-phase multisine with a peak of one.
+fn multisine(period: usize, lines: f64, odd: bool, random: &mut Pcg64) -> Vec<f32> {
+    let lines = (lines * (1.0 + 1e-9)) as usize;
+    let mut wave = vec![0.0f64; period];
+    for line in (1..=lines).step_by(if odd { 2 } else { 1 }) {
+        let phase: f64 = random.random_range(0.0..TAU);
+        for (k, sample) in wave.iter_mut().enumerate() {
+            // The product is reduced in whole numbers first, so that high lines keep their phase exactly.
+            *sample += (TAU * ((line * k) % period) as f64 / period as f64 + phase).cos();
+        }
+    }
+    let peak = wave.iter().fold(0.0f64, |m, s| m.max(s.abs()));
+    wave.iter().map(|s| (s / peak) as f32).collect()
+}
+
+fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
+    let mut samples = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        match line.parse::<f32>() {
+            Ok(value) if value.is_finite() => samples.push(value),
+            _ if index == 0 => {} // a header
+            _ => return Err(format!("{}:{}: {line:?} is not a number", path.display(), index + 1)),
+        }
+    }
+    if samples.is_empty() { Err(format!("{} holds no numbers", path.display())) } else { Ok(samples) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one(text: &str) -> Part {
+        Spec::parse(text).unwrap_or_else(|e| panic!("{e}")).parts.remove(0)
+    }
+
+    #[test]
+    fn every_documented_example_parses() {
+        assert_eq!(one("step:80um").amplitude, 80e-6);
+        assert_eq!(one("square:120um@1Hz").shape, Shape::Square { hz: 1.0 });
+        assert_eq!(one("sine:120um@100Hz").shape, Shape::Sine { hz: 100.0 });
+        assert_eq!(one("sweep:20V@1-2000Hz/4s").seconds, Some(4.0));
+        assert_eq!(one("ladder:60V/8,hold=2s").seconds, Some(32.0));
+        let sequence = Spec::parse("zero@5s+multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7").expect("documented");
+        assert_eq!(sequence.parts[0].seconds, Some(5.0));
+        assert_eq!(sequence.parts[1].seconds, Some(24.0));
+        assert_eq!(sequence.unit, Some(Unit::Volt));
+        assert!(one("step:80um,shaped").shaped);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (text, part) in [
+            ("stp:80um", "unknown kind \"stp\""),
+            ("step:80", "needs its unit"),
+            ("step", "needs an amplitude"),
+            ("sine:20um", "needs a frequency"),
+            ("sine:20um@-5Hz", "must"),
+            ("sweep:20V@2000-1Hz/4s", "upwards"),
+            ("step:80um+zero", "needs a length"),
+            ("step:80um@1s+hold:2V", "mixes um and V"),
+            ("step:80um,foo=3", "unknown option \"foo\""),
+            ("ladder:60V/0,hold=2s", "levels"),
+            ("sine:nanum@5Hz", "not a number"),
+        ] {
+            let message = Spec::parse(text).expect_err(text).to_string();
+            assert!(message.contains(part) && !message.contains('\n'), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_multisine_has_its_lines_and_no_others() {
+        let shape = one("multisine:20V@4-40Hz,odd,seed=3").shape;
+        let table = table(&shape, 1000.0).expect("valid").expect("a table").remove(0);
+        assert_eq!(table.len(), 250);
+        for line in 1..=20 {
+            let (re, im) = table.iter().enumerate().fold((0.0, 0.0), |(re, im), (k, &s)| {
+                let phase = TAU * (line * k) as f64 / 250.0;
+                (re + f64::from(s) * phase.cos(), im + f64::from(s) * phase.sin())
+            });
+            let size = re.hypot(im) / 125.0;
+            // f32 samples leave 250 * 6e-8 at the most where no line is.
+            assert_eq!(size > 1e-4, line <= 9 && line % 2 == 1, "line {line}: {size}");
+        }
+    }
+}
