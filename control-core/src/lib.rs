@@ -1,1 +1,20 @@
-//! To be written.
+//! The control law of a hysteretic piezo actuator, written once.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+mod arithmetic;
+mod guard;
+mod law;
+mod limits;
+mod pi;
+mod settings;
+mod shaper;
+
+pub use guard::{Guard, GuardState};
+pub use law::{Law, LawState, Output};
+pub use limits::Limits;
+pub use pi::{Pi, PiState};
+pub use settings::{Settings, SettingsError};
+pub use shaper::{Shaper, ShaperState};

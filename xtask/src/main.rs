@@ -1,2 +1,126 @@
-//! Developer and CI tasks.
-fn main() {}
+//! Everything a developer or CI runs, behind `cargo xtask`.
+//!
+//! Three tiers: `ci` (minutes, on every change), `long` (soaks and big inputs), `report` (the tables in `docs/`).
+//! This crate depends on no other room: it runs cargo and the built `hysteron` as a user would.
+
+mod arrows;
+mod bare;
+mod checks;
+mod closed_loop;
+mod deny;
+mod long;
+mod project;
+mod replay_big_log;
+mod report;
+mod tidy;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use project::{Outcome, Project};
+use std::process::ExitCode;
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "Developer and CI tasks of hysteron")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// All checks of the first tier, each with its time; ends with the tests' closing lines
+    Ci,
+    /// Formatting, checked and not changed
+    Fmt,
+    /// Lints of every target, warnings denied
+    Clippy,
+    /// Documentation with private items, warnings denied
+    Doc,
+    /// All tests of the host workspace
+    Test,
+    /// The no_std rooms, built for thumbv7em-none-eabihf
+    NoStd {
+        /// Which compiler builds them; by default rustup's where its target is installed, else Debian's
+        #[arg(long = "with", value_enum)]
+        toolchain: Option<bare::Toolchain>,
+    },
+    /// The dependency arrows between our rooms, held to the allowed list
+    Arrows,
+    /// House rules that a text search can hold
+    Tidy,
+    /// cargo-deny: licences, sources, bans, and advisories where their database can be had
+    Deny,
+    /// Second tier: soaks and big inputs, minutes to hours
+    Long {
+        /// Tasks to run; all by default
+        names: Vec<String>,
+        /// Only list them
+        #[arg(long)]
+        list: bool,
+    },
+    /// Third tier: writes docs/tables.md from the release build, with commit and seed
+    Report,
+    /// The speed comparison in benches/
+    Bench,
+    /// Installs what the checks need (.ci/setup)
+    Setup {
+        /// Also cargo-deny, which takes a minute or two to build
+        #[arg(long)]
+        deny: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().task) {
+        Ok(Outcome::Passed) => ExitCode::SUCCESS,
+        Ok(Outcome::NotRun(reason)) => {
+            println!("not run: {reason}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(task: Task) -> Result<Outcome> {
+    let project = Project::find()?;
+    match task {
+        Task::Ci => checks::all(&project),
+        Task::Fmt => checks::fmt(&project),
+        Task::Clippy => checks::clippy(&project),
+        Task::Doc => checks::doc(&project),
+        Task::Test => checks::test(&project),
+        Task::NoStd { toolchain } => bare::build(&project, toolchain),
+        Task::Arrows => arrows::run(&project),
+        Task::Tidy => tidy::run(&project),
+        Task::Deny => deny::run(&project),
+        Task::Long { names, list } => long::run(&project, &names, list),
+        Task::Report => report::run(&project),
+        Task::Bench => bench(&project),
+        Task::Setup { deny } => setup(&project, deny),
+    }
+}
+
+/// `benches/` is a workspace of its own, because it builds rival solvers that nobody else needs.
+fn bench(project: &Project) -> Result<Outcome> {
+    if !project.root.join("benches/Cargo.toml").exists() {
+        return Ok(Outcome::NotRun("benches/ does not exist yet".into()));
+    }
+    project::passes(project.cargo().args([
+        "run",
+        "--release",
+        "--manifest-path",
+        "benches/Cargo.toml",
+    ]))
+}
+
+/// One script installs, for CI and developers: see there what and why.
+fn setup(project: &Project, deny: bool) -> Result<Outcome> {
+    let mut command = project.command(project.root.join(".ci/setup"));
+    if deny {
+        command.arg("--deny");
+    }
+    project::passes(&mut command)
+}

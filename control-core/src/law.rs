@@ -1,0 +1,190 @@
+//! The whole control law of one sample: guard, reference shaping, PI with feedforward, limits, anti-windup.
+//!
+//! [`Law`] is what was configured (immutable, built once), [`LawState`] is what one plant remembers. The step can't fail:
+//! whatever comes in, a finite drive within its limits goes out, and the [`Limits`] say why.
+//!
+//! **Deadline.** On the board `step` runs between the ADC's end of conversion and the DAC's latch, 10 us after the sample
+//! was taken; if it is late the old drive is latched again and the loop has one more sample of delay, which may be unstable.
+//! There is no loop, no division, no table and no call outside this crate in it.
+
+use crate::guard::{Guard, GuardState};
+use crate::limits::Limits;
+use crate::pi::{Pi, PiState};
+use crate::settings::{Settings, SettingsError};
+use crate::shaper::{Shaper, ShaperState};
+
+/// A control law, ready to run at the rate it was built for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Law {
+    guard: Guard,
+    shaper: Shaper,
+    pi: Pi,
+    rate_hz: f32,
+}
+
+/// What the law remembers from sample to sample. `LawState::default()` is at rest: 0 V, reference 0, no sample seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LawState {
+    guard: GuardState,
+    shaper: ShaperState,
+    pi: PiState,
+}
+
+/// The answer of one sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// Voltage at the actuator, always finite.
+    pub drive_v: f32,
+    /// The reference that was used, after clamp and shaping.
+    pub reference_m: f32,
+    /// What held drive or reference back; [`Limits::is_safe_state`] tells that the law has given up.
+    pub limited_by: Limits,
+}
+
+impl LawState {
+    /// The last drive.
+    pub fn drive_v(&self) -> f32 {
+        self.pi.drive_v()
+    }
+
+    /// The last shaped reference.
+    pub fn reference_m(&self) -> f32 {
+        self.shaper.reference()
+    }
+
+    /// The integral, in volts.
+    pub fn integral_v(&self) -> f32 {
+        self.pi.integral_v()
+    }
+
+    /// Why the law is in its safe state; empty while it is not.
+    pub fn latched(&self) -> Limits {
+        self.guard.latched()
+    }
+}
+
+impl Law {
+    /// Checks the settings and turns them into per-sample numbers.
+    ///
+    /// # Errors
+    ///
+    /// [`SettingsError`] names the first field that can't be used.
+    pub fn try_build(settings: &Settings) -> Result<Law, SettingsError> {
+        settings.check()?;
+        Ok(Law {
+            guard: Guard::build(settings),
+            shaper: Shaper::try_build(
+                settings.rate_hz,
+                settings.reference_max_m,
+                settings.reference_rate_m_per_s,
+                settings.reference_acceleration_m_per_s2,
+            )?,
+            pi: Pi::build(settings),
+            rate_hz: settings.rate_hz,
+        })
+    }
+
+    /// One sample of the closed loop.
+    ///
+    /// A NaN or infinite measurement or reference, or the displacement trip, puts the law into its safe state within this
+    /// same sample: the drive goes to 0 V within the slew limit, and stays there until the state is replaced.
+    #[inline]
+    pub fn step(&self, state: &mut LawState, reference_m: f32, measured_m: f32) -> Output {
+        if !self.guard.watch(&mut state.guard, measured_m).is_empty() {
+            return self.safe(state);
+        }
+        if !is_number(reference_m) {
+            state.guard.latch(Limits::NOT_A_NUMBER);
+            return self.safe(state);
+        }
+        let (reference_m, shaped) = self.shaper.step(&mut state.shaper, reference_m);
+        let (drive_v, limited) = self.pi.step(&mut state.pi, reference_m, measured_m);
+        if limited.is_safe_state() {
+            state.guard.latch(limited);
+            return self.safe(state);
+        }
+        Output {
+            drive_v,
+            reference_m,
+            limited_by: shaped | limited,
+        }
+    }
+
+    /// One sample of an open-loop experiment: the commanded drive within the same volt and slew limits, watched by the
+    /// same trip. The output's reference is that of the last closed-loop sample.
+    #[inline]
+    pub fn step_open(&self, state: &mut LawState, command_v: f32, measured_m: f32) -> Output {
+        if !self.guard.watch(&mut state.guard, measured_m).is_empty() {
+            return self.safe(state);
+        }
+        if !is_number(command_v) {
+            state.guard.latch(Limits::NOT_A_NUMBER);
+            return self.safe(state);
+        }
+        let (drive_v, limited_by) = self.pi.step_open(&mut state.pi, command_v);
+        Output {
+            drive_v,
+            reference_m: state.shaper.reference(),
+            limited_by,
+        }
+    }
+
+    /// Prepares `state`, left behind by `old`, for this law: the drive continues without a bump at the last reference
+    /// and measurement, and the shaped reference keeps its speed although the rate may differ.
+    ///
+    /// Running this law on the state without it is safe too (every limit holds), only not bumpless. Where the new clamp is
+    /// below the old reference, the reference steps to the clamp; where the new rate or acceleration is lower than the present
+    /// motion, the reference is brought down within the new acceleration.
+    pub fn take_over(&self, old: &Law, state: &mut LawState) {
+        let measured_m = state.guard.measured_m();
+        // NaN: no sample was seen yet, so there is nothing to continue.
+        if measured_m.is_finite() {
+            let reference_m = state.shaper.reference();
+            self.pi
+                .take_over(&old.pi, &mut state.pi, reference_m, measured_m);
+        }
+        state.shaper.rescale(old.rate_hz / self.rate_hz);
+    }
+
+    /// The rate the law was built for.
+    pub fn rate_hz(&self) -> f32 {
+        self.rate_hz
+    }
+
+    /// Greatest change of the drive per sample, in volts; infinite when there is no slew limit.
+    pub fn slew_v(&self) -> f32 {
+        self.pi.slew_v()
+    }
+
+    /// The trip by itself, for watching the sensor before the loop runs.
+    pub fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
+    /// The law proper, without guard and shaping.
+    pub fn pi(&self) -> &Pi {
+        &self.pi
+    }
+
+    /// The reference shaping by itself.
+    pub fn shaper(&self) -> &Shaper {
+        &self.shaper
+    }
+
+    /// Safe state: towards 0 V within the slew limit.
+    #[cold]
+    fn safe(&self, state: &mut LawState) -> Output {
+        let (drive_v, limits) = self.pi.step_open(&mut state.pi, 0.0);
+        Output {
+            drive_v,
+            reference_m: state.shaper.reference(),
+            limited_by: limits | state.guard.latched(),
+        }
+    }
+}
+
+/// Neither NaN nor infinite; one comparison on the target.
+#[inline(always)]
+fn is_number(x: f32) -> bool {
+    x.abs() <= f32::MAX
+}

@@ -1,0 +1,85 @@
+//! The second tier: what takes too long for every change. Others add a line to [`TASKS`].
+
+use crate::checks::{Step, run_steps, run_tests};
+use crate::project::{Outcome, Project};
+use crate::replay_big_log;
+use anyhow::{Result, bail};
+
+/// Cases per property where the environment does not say: about 80 times proptest's default of 256.
+const PROPTEST_CASES: &str = "20000";
+
+const TASKS: &[Step] = &[
+    Step {
+        name: "tests",
+        what: "every test in release, HYSTERON_LONG=1, 20000 cases per property",
+        run: tests,
+    },
+    Step {
+        name: "replay-2gb",
+        what: "a 2 GB log replayed under a 600 MB address limit, peak memory printed",
+        run: replay_big_log::run,
+    },
+];
+
+/// Runs the named tasks, or all; lists them if asked.
+pub fn run(project: &Project, names: &[String], list: bool) -> Result<Outcome> {
+    if list {
+        for task in TASKS {
+            println!("{:12} {}", task.name, task.what);
+        }
+        return Ok(Outcome::Passed);
+    }
+    run_steps(project, chosen(names)?.into_iter())
+}
+
+fn chosen(names: &[String]) -> Result<Vec<&'static Step>> {
+    if names.is_empty() {
+        return Ok(TASKS.iter().collect());
+    }
+    let mut tasks = Vec::new();
+    for name in names {
+        match TASKS.iter().find(|task| task.name == name) {
+            Some(task) => tasks.push(task),
+            None => bail!("no long task `{name}`; `cargo xtask long --list` names them"),
+        }
+    }
+    Ok(tasks)
+}
+
+/// Tests read HYSTERON_LONG to widen what they sweep; proptest reads its own variable.
+fn tests(project: &Project) -> Result<Outcome> {
+    let cases = std::env::var("PROPTEST_CASES").unwrap_or_else(|_| PROPTEST_CASES.to_owned());
+    let mut command = project.cargo();
+    command
+        .env("HYSTERON_LONG", "1")
+        .env("PROPTEST_CASES", cases);
+    run_tests(command.args([
+        "test",
+        "--release",
+        "--workspace",
+        "--locked",
+        "--no-fail-fast",
+    ]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_choose_in_the_order_given() {
+        for task in TASKS {
+            assert_eq!(
+                TASKS.iter().filter(|other| other.name == task.name).count(),
+                1
+            );
+        }
+        let two = chosen(&["replay-2gb".to_owned(), "tests".to_owned()]).unwrap();
+        assert_eq!(
+            two.iter().map(|task| task.name).collect::<Vec<_>>(),
+            ["replay-2gb", "tests"]
+        );
+        assert_eq!(chosen(&[]).unwrap().len(), TASKS.len());
+        assert!(chosen(&["soup".to_owned()]).is_err());
+    }
+}
