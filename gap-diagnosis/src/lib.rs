@@ -1,1 +1,6 @@
-//! To be written.
+//! Identification and diagnosis of the gap between a simulation and a bench, and the reports about them.
+//!
+//! What it does not do: simulate (`plant-sim`), open ports, read command lines.
+
+pub mod identify;
+pub mod residual;

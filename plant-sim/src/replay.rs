@@ -80,6 +80,11 @@ impl Player {
         self.simulator.advance(held, force_n);
         reading_m
     }
+
+    /// Voltage of each hysteron now.
+    pub fn hysteron_v(&self) -> Vec<f64> {
+        self.simulator.state().hysteron_v
+    }
 }
 
 /// Readings in metres that an ideal sensor would have logged, one per row of `log` (or of its first `rows` rows).

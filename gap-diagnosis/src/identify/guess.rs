@@ -1,0 +1,117 @@
+//! A first guess of the plant from the logs alone: static gain, loop width, and the resonance if the logs show one.
+
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+use plant_sim::metrics::Score;
+use plant_sim::model::{ActuatorSection, HysteronSection, Kind, Model, SCHEMA, StructureSection};
+use plant_sim::param::{ASSUMED_MASS_SIGMA, Param};
+use plant_sim::replay::{Start, predict};
+
+/// Rows that the scan for a resonance simulates.
+const SCAN_ROWS: usize = 4000;
+/// Undamped frequencies and damping ratios of the scan.
+const SCAN_HZ: [f64; 9] = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0];
+const SCAN_DAMPING: [f64; 2] = [0.05, 0.4];
+/// Where the logs are too slow to show a resonance: that of the thesis' bender.
+const UNSEEN_HZ: f64 = 783.0;
+
+/// What the records look like before anything is fitted.
+pub struct Looks {
+    /// Slope of displacement over command, m/V.
+    pub gain_m_per_v: f64,
+    /// Offset of that line in metres.
+    pub offset_m: f64,
+    /// Rms distance from the line in volts: the loop's width.
+    pub width_v: f64,
+    /// Largest minus smallest command in volts.
+    pub span_v: f64,
+    /// Delay in samples (whole ones) at which the line fits best.
+    pub lag_samples: usize,
+}
+
+/// The line through displacement over command, at the lag of up to ten samples where it fits best.
+pub fn looks(log: &Log, run_in: usize) -> Looks {
+    let (u, y) = (&log.command_v[run_in..], &log.displacement_m[run_in..]);
+    let line = |lag: usize| {
+        let pairs = || u.iter().zip(&y[lag..]);
+        let n = (y.len() - lag) as f64;
+        let (mean_u, mean_y) = (pairs().map(|p| p.0).sum::<f64>() / n, pairs().map(|p| p.1).sum::<f64>() / n);
+        let suu: f64 = pairs().map(|p| (p.0 - mean_u).powi(2)).sum();
+        let suy: f64 = pairs().map(|p| (p.0 - mean_u) * (p.1 - mean_y)).sum();
+        let syy: f64 = pairs().map(|p| (p.1 - mean_y).powi(2)).sum();
+        let gain = suy / suu;
+        (gain, mean_y - gain * mean_u, ((syy - gain * suy).max(0.0) / n).sqrt())
+    };
+    let lags = 10.min(y.len() / 4);
+    let best = (0..=lags).min_by(|&a, &b| line(a).2.total_cmp(&line(b).2)).unwrap_or(0);
+    let (gain_m_per_v, offset_m, rms_m) = line(best);
+    let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    Looks { gain_m_per_v, offset_m, width_v: rms_m / gain_m_per_v.abs(), span_v: high - low, lag_samples: best }
+}
+
+/// A plant with `hysterons` hysterons that has the logs' gain and loop width.
+pub fn guess(log: &Log, looks: &Looks, hysterons: usize, mass_kg: f64) -> Model {
+    let assumed = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
+    let plant = |hz: f64, damping_ratio: f64, hysterons: usize| {
+        let turning = std::f64::consts::TAU * hz;
+        let stiffness = mass_kg * turning * turning;
+        let alpha = stiffness * looks.gain_m_per_v.abs();
+        let section = |i: usize| {
+            // The rising and falling branches of the loop lie sum(d/2) volts off the line; thresholds spread over the travel.
+            let edge_v = 1.2 * looks.width_v / hysterons as f64;
+            let travel_m = looks.gain_m_per_v.abs() * looks.span_v * (i + 1) as f64 / (hysterons + 1) as f64;
+            let capacitance = travel_m * alpha / (2.0 * edge_v);
+            let time_s = if i == 0 { 1e-5 } else { 5e-3 };
+            HysteronSection {
+                capacitance_f: assumed(capacitance),
+                slope_s: assumed(capacitance / time_s),
+                dead_zone_v: assumed(2.0 * edge_v),
+            }
+        };
+        Model {
+            schema: SCHEMA.into(),
+            name: format!("identified from {}", log.name),
+            kind: Kind::Phs,
+            drive: Default::default(),
+            actuator: ActuatorSection {
+                transduction_c_per_m: assumed(alpha),
+                hysterons: (0..hysterons).map(section).collect(),
+            },
+            structure: StructureSection {
+                mass_kg: Param::new(mass_kg, ASSUMED_MASS_SIGMA, "stated by the caller or assumed; never fitted"),
+                damping_n_s_per_m: assumed(2.0 * damping_ratio * mass_kg * turning),
+                stiffness_n_per_m: assumed(stiffness),
+            },
+            sensor: Default::default(),
+            initial_state: None,
+            fit: None,
+        }
+    };
+    let (hz, damping_ratio) = resonance(log, looks, &|hz, damping| plant(hz, damping, 0).chain());
+    plant(hz, damping_ratio, hysterons)
+}
+
+/// Undamped frequency and damping ratio of a linear plant that replays the log best, if they matter to it.
+fn resonance(log: &Log, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> (f64, f64) {
+    let rows = log.command_v.len().min(SCAN_ROWS);
+    let misfit = |hz: f64, damping: f64| {
+        let chain = plant(hz, damping);
+        let start = Start::at_rest(&chain, log.command_v[0], Vec::new());
+        let mut score = Score::default();
+        for (y, predicted) in log.displacement_m.iter().zip(predict(&chain, log, &start, rows)) {
+            score.add(*y, predicted * looks.gain_m_per_v.signum());
+        }
+        score.rms_m(true)
+    };
+    // A resonance that dies out within a few samples can't be seen: every candidate above the sampling rate looks alike.
+    let candidates: Vec<(f64, f64, f64)> = SCAN_HZ
+        .iter()
+        .filter(|&&hz| hz * log.dt_s < 2.0)
+        .flat_map(|&hz| SCAN_DAMPING.map(|damping| (hz, damping, misfit(hz, damping))))
+        .collect();
+    let unseen = misfit(UNSEEN_HZ, SCAN_DAMPING[1]);
+    match candidates.iter().min_by(|a, b| a.2.total_cmp(&b.2)) {
+        Some(best) if best.2 < 0.97 * unseen => (best.0, best.1),
+        _ => (UNSEEN_HZ, SCAN_DAMPING[1]),
+    }
+}

@@ -1,0 +1,699 @@
+//! Grey-box identification: the plant's numbers from logs, with what the logs can and can't say about each.
+//!
+//! * The mass is fixed: displacement alone determines only ratios to it.
+//! * Positive numbers are fitted as bounded logarithms ([`parameters`]) by Levenberg-Marquardt from several starts, in units of
+//!   each log's noise, under wide priors around the start; sensitivities come from re-simulation ([`problem`]).
+//! * A number whose uncertainty after the fit is hardly smaller than before is put back at its prior and said to be unseen.
+//! * Uncertainties count independent samples, not samples: they are widened by the residual's correlation time.
+
+mod guess;
+pub mod parameters;
+pub mod problem;
+
+use crate::residual::{Autocorrelation, LAGS, noise_rms};
+use levenberg_marquardt::LevenbergMarquardt;
+use nalgebra::{DMatrix, DVector};
+use parameters::{Free, Quantity, Scale, StartCoordinates};
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+use plant_sim::metrics::{Score, rms};
+use plant_sim::model::{InitialStateSection, Model};
+use plant_sim::param::Param;
+use plant_sim::replay::{Initial, Start};
+use problem::{Problem, Record};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bound of a logarithm around a stated plant, and around a guessed one.
+const BOUND_STATED: f64 = 0.75;
+const BOUND_GUESSED: f64 = 4.0;
+/// Spread of the random starts around a stated plant, and around a guessed one, in logarithms.
+const SPREAD_STATED: f64 = 0.3;
+const SPREAD_GUESSED: f64 = 0.7;
+/// A number is unseen if the logs leave more than this fraction of its prior standard deviation.
+const UNSEEN: f64 = 0.5;
+/// Work of one simulation (rows times moves per row) above which the first descents use only a part of each log.
+const CHEAP: usize = 60_000;
+/// Least rows a shortened log keeps.
+const LEAST_ROWS: usize = 1500;
+/// Floor of a log's noise, metres: a noise-free simulation still has rounding.
+const LEAST_NOISE_M: f64 = 1e-12;
+/// A delay is added if it lies this many standard deviations from zero.
+const DELAY_SIGMAS: f64 = 4.0;
+/// Most hysterons that `Hysterons::Auto` tries.
+const MOST_HYSTERONS: usize = 6;
+
+/// Where the fit starts and what its priors are centred on.
+#[derive(Clone, Debug)]
+pub enum From {
+    /// A plant somebody states.
+    Plant(Box<Model>),
+    /// The logs alone.
+    Logs {
+        /// How many hysterons.
+        hysterons: Hysterons,
+        /// The weighed mass.
+        mass_kg: f64,
+    },
+}
+
+/// Number of hysterons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hysterons {
+    /// This many.
+    Fixed(usize),
+    /// As many as lower the Bayesian information criterion, counted in independent samples.
+    Auto,
+}
+
+/// What to do.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Start.
+    pub from: From,
+    /// What is assumed of each log's first row.
+    pub initial: Initial,
+    /// Seconds at each log's start that are simulated but not scored; a log's own `run_in_s` where `None`.
+    pub run_in_s: Option<f64>,
+    /// Starts of the multistart, at least one.
+    pub starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+/// Why logs can't be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IdentifyError {
+    /// No log.
+    #[error("no log to identify from")]
+    NoLog,
+    /// Too little left after the run-in.
+    #[error("{log}: {rows} rows are left after a run-in of {run_in_s} s; at least 16 are needed: shorten --run-in")]
+    RunInTooLong {
+        /// The log.
+        log: String,
+        /// Rows left.
+        rows: usize,
+        /// Run-in asked for.
+        run_in_s: f64,
+    },
+    /// The command doesn't move.
+    #[error("{log}: the command never changes, so nothing can be identified from it: drive it with steps or sines")]
+    NoExcitation {
+        /// The log.
+        log: String,
+    },
+    /// The displacement doesn't move.
+    #[error("{log}: the displacement never changes: check the sensor's column")]
+    NoResponse {
+        /// The log.
+        log: String,
+    },
+    /// Displacement falls while the command rises.
+    #[error("{log}: the displacement falls when the command rises: turn its sign with --scale displacement=-1e-6")]
+    Inverted {
+        /// The log.
+        log: String,
+    },
+    /// No start led to a finite fit.
+    #[error("none of {starts} starts led to a fit: check the units of the logs and the start plant")]
+    NoFit {
+        /// Starts tried.
+        starts: usize,
+    },
+}
+
+/// What became of a number.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Fitted.
+    Fitted,
+    /// These logs can't see it; it stays at its prior.
+    Unseen,
+    /// It ran into its bound: the start was too far off, or the model is wrong.
+    AtBound,
+    /// Given, never fitted.
+    Given,
+}
+
+/// A number of the fitted plant.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// Name with unit, as in the model file.
+    pub name: String,
+    /// Value in that unit.
+    pub value: f64,
+    /// Standard deviation in that unit.
+    pub sigma: f64,
+    /// Value before the fit, in that unit.
+    pub prior: f64,
+    /// What became of it.
+    pub verdict: Verdict,
+    /// The same in words, with the reason.
+    pub note: String,
+}
+
+/// How one log is fitted.
+#[derive(Clone, Debug)]
+pub struct LogFit {
+    /// Name of the log.
+    pub name: String,
+    /// Prediction for every row, its offset included, metres.
+    pub predicted_m: Vec<f64>,
+    /// Rows that are not scored.
+    pub run_in_rows: usize,
+    /// Rms of measured minus predicted, metres.
+    pub rms_m: f64,
+    /// Fit percent.
+    pub fit_percent: f64,
+    /// Rms of the log's noise, estimated from its differences, metres.
+    pub noise_m: f64,
+    /// Reading at zero displacement, metres.
+    pub offset_m: f64,
+    /// State at the first row.
+    pub start: Start,
+    /// Autocorrelation of the residual.
+    pub autocorrelation: Autocorrelation,
+}
+
+/// A fit.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The fitted plant, ready to be written.
+    pub model: Model,
+    /// Its numbers.
+    pub parameters: Vec<Fitted>,
+    /// Its logs.
+    pub logs: Vec<LogFit>,
+    /// Rms over all logs at the end of each start, metres, best first.
+    pub starts_rms_m: Vec<f64>,
+    /// Akaike's and the Bayesian information criterion of all scored rows as they are: N ln(RSS/N) + 2p, + p ln N.
+    pub aic: f64,
+    /// See `aic`.
+    pub bic: f64,
+    /// The Bayesian criterion counted in independent samples; what `Hysterons::Auto` goes by.
+    pub bic_independent: f64,
+    /// Logs simulated on the way.
+    pub simulations: usize,
+    /// Seed of the starts.
+    pub seed: u64,
+}
+
+/// What a long fit tells while it runs: a phase in words, and the simulations so far.
+pub type Progress<'a> = &'a (dyn Fn(&str, usize) + Sync);
+
+/// Fits a plant to logs.
+///
+/// # Errors
+/// See [`IdentifyError`].
+pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Result<Fit, IdentifyError> {
+    check(logs, options)?;
+    let simulations = AtomicUsize::new(0);
+    let fit = |nominal: Model, stated: bool| Session::new(logs, options, nominal, stated, &simulations, progress).run();
+    match &options.from {
+        From::Plant(model) => fit(model.as_ref().clone(), true),
+        From::Logs { hysterons, mass_kg } => {
+            let looks = guess::looks(&logs[0], run_in_rows(&logs[0], options));
+            if looks.gain_m_per_v < 0.0 {
+                return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
+            }
+            let guessed = |n: usize| {
+                let mut model = guess::guess(&logs[0], &looks, n, *mass_kg);
+                if looks.lag_samples > 0 {
+                    let lag_us = looks.lag_samples as f64 * logs[0].dt_s * 1e6;
+                    model.drive.delay_us = Some(Param::absolute(lag_us, logs[0].dt_s * 1e6, "guessed from the log"));
+                }
+                model
+            };
+            match hysterons {
+                Hysterons::Fixed(n) => fit(guessed(*n), false),
+                Hysterons::Auto => {
+                    let mut best = fit(guessed(0), false)?;
+                    let mut worse_in_a_row = 0;
+                    for n in 1..=MOST_HYSTERONS {
+                        let next = fit(guessed(n), false)?;
+                        if next.bic_independent < best.bic_independent {
+                            best = next;
+                            worse_in_a_row = 0;
+                        } else {
+                            worse_in_a_row += 1;
+                            if worse_in_a_row == 2 {
+                                break;
+                            }
+                        }
+                    }
+                    Ok(best)
+                }
+            }
+        }
+    }
+}
+
+fn run_in_rows(log: &Log, options: &Options) -> usize {
+    let run_in_s = options.run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
+    (run_in_s / log.dt_s).round().max(0.0) as usize
+}
+
+fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
+    if logs.is_empty() {
+        return Err(IdentifyError::NoLog);
+    }
+    for log in logs {
+        let run_in = run_in_rows(log, options);
+        let rows = log.displacement_m.len();
+        if rows < run_in + 16 {
+            return Err(IdentifyError::RunInTooLong {
+                log: log.name.clone(),
+                rows: rows.saturating_sub(run_in),
+                run_in_s: run_in as f64 * log.dt_s,
+            });
+        }
+        let constant = |values: &[f64]| values.iter().all(|v| *v == values[0]);
+        if constant(&log.command_v[run_in..]) && constant(&log.command_v[..run_in.max(1)]) {
+            return Err(IdentifyError::NoExcitation { log: log.name.clone() });
+        }
+        if constant(&log.displacement_m[run_in..]) {
+            return Err(IdentifyError::NoResponse { log: log.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// One fit of one nominal plant to the logs.
+struct Session<'a> {
+    logs: &'a [Log],
+    options: &'a Options,
+    nominal: Model,
+    chain: Chain,
+    stated: bool,
+    simulations: &'a AtomicUsize,
+    progress: Progress<'a>,
+}
+
+impl<'a> Session<'a> {
+    fn new(
+        logs: &'a [Log],
+        options: &'a Options,
+        nominal: Model,
+        stated: bool,
+        simulations: &'a AtomicUsize,
+        progress: Progress<'a>,
+    ) -> Self {
+        let mut chain = nominal.chain();
+        // The fit sees the ideal sensor; noise and quantisation are what the residual is made of.
+        chain.sensor = plant_sim::chain::Sensor::IDEAL;
+        Self { logs, options, nominal, chain, stated, simulations, progress }
+    }
+
+    fn say(&self, phase: &str) {
+        (self.progress)(phase, self.simulations.load(Ordering::Relaxed));
+    }
+
+    fn free(&self) -> Vec<Free> {
+        let mut chain = self.chain.clone();
+        let (bound, prior_sigma) =
+            if self.stated { (BOUND_STATED, BOUND_STATED) } else { (BOUND_GUESSED, BOUND_GUESSED / 2.0) };
+        let mut free: Vec<Free> = Quantity::of(&self.nominal)
+            .into_iter()
+            .map(|quantity| Free {
+                quantity,
+                prior: *quantity.number(&mut chain),
+                scale: Scale::Log { bound },
+                prior_sigma,
+            })
+            // A number that is exactly zero (no damping, no dead zone) states a structure, not a guess.
+            .filter(|free| free.prior > 0.0)
+            .collect();
+        if chain.drive.delay_s > 0.0 {
+            free.push(self.delay());
+        }
+        free
+    }
+
+    fn delay(&self) -> Free {
+        Free {
+            quantity: Quantity::Delay,
+            prior: self.chain.drive.delay_s,
+            scale: Scale::NotNegative { unit: self.logs[0].dt_s },
+            prior_sigma: 10.0,
+        }
+    }
+
+    fn records(&self) -> Vec<Record<'a>> {
+        let offset_guess_m = |log: &Log| log.displacement_m[0];
+        self.logs
+            .iter()
+            .map(|log| {
+                let run_in = run_in_rows(log, self.options);
+                let u = &log.command_v;
+                let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+                // Before a log that starts with a step the drive was something else than its first command: the first
+                // displacement tells, up to the offset, which the line through the log gives.
+                let looks = guess::looks(log, run_in);
+                let drive_v = (offset_guess_m(log) - looks.offset_m) / looks.gain_m_per_v;
+                let noise_m = noise_rms(&log.displacement_m[run_in..]).max(LEAST_NOISE_M);
+                Record {
+                    log,
+                    run_in,
+                    rows: log.command_v.len(),
+                    noise_m,
+                    start: StartCoordinates {
+                        initial: self.options.initial,
+                        drive_v: if drive_v.is_finite() { drive_v.clamp(low.min(0.0), high.max(0.0)) } else { u[0] },
+                        span_v: high - low,
+                    },
+                }
+            })
+            .collect()
+    }
+
+    /// Records cut so that one simulation of all of them is cheap.
+    fn shortened(&self, records: &[Record<'a>]) -> Vec<Record<'a>> {
+        let plant = &self.chain.plant;
+        let turning_per_s = (plant.stiffness_n_per_m / plant.mass_kg).sqrt();
+        let work: usize = records.iter().map(|r| r.rows * (1 + (r.log.dt_s * turning_per_s) as usize)).sum();
+        let share = CHEAP as f64 / work as f64;
+        let cut = |record: &Record<'a>| {
+            let scored = (((record.rows - record.run_in) as f64 * share) as usize).max(LEAST_ROWS);
+            Record { rows: record.rows.min(record.run_in + scored), ..record.clone() }
+        };
+        if share < 1.0 { records.iter().map(cut).collect() } else { records.to_vec() }
+    }
+
+    /// Coordinates of the first start: the prior, and for each log the offset of the line through it.
+    fn origin(&self, records: &[Record<'_>], free: &[Free]) -> DVector<f64> {
+        let hysterons = self.chain.plant.hysterons.len();
+        let mut z = DVector::zeros(Problem::coordinates(records, free, hysterons));
+        let problem = Problem::new(records, free, &self.chain, self.simulations, z.clone());
+        for (index, record) in records.iter().enumerate() {
+            // The mean residual is the offset that a line would leave; the fit refines it.
+            let predicted = problem.prediction_m(index, &z);
+            let rows = (record.rows - record.run_in) as f64;
+            let mean_m = (record.run_in..record.rows).map(|k| record.log.displacement_m[k] - predicted[k]).sum::<f64>() / rows;
+            problem.set_offset(&mut z, index, mean_m);
+        }
+        z
+    }
+
+    fn descend<'p>(&self, problem: Problem<'p>, patience: usize) -> Problem<'p> {
+        let (problem, _) = LevenbergMarquardt::new()
+            .with_ftol(1e-9)
+            .with_xtol(1e-9)
+            .with_gtol(1e-10)
+            .with_patience(patience)
+            .minimize(problem);
+        problem
+    }
+
+    fn run(&self) -> Result<Fit, IdentifyError> {
+        let records = self.records();
+        let short = self.shortened(&records);
+        let mut free = self.free();
+        let starts = self.options.starts.max(1);
+        let hysterons = self.chain.plant.hysterons.len();
+        // The plant has the sign and size of the line at least; offsets come from it.
+        let origin = self.origin(&short, &free);
+        let mut random = Pcg64::seed_from_u64(self.options.seed);
+        let spread = if self.stated { SPREAD_STATED } else { SPREAD_GUESSED };
+        let mut ends: Vec<Problem<'_>> = Vec::new();
+        for start in 0..starts {
+            self.say(&format!("{hysterons} hysterons, start {} of {starts}", start + 1));
+            let mut z = origin.clone();
+            if start > 0 {
+                for coordinate in z.iter_mut().take(free.len()) {
+                    *coordinate += random.random_range(-spread..spread);
+                }
+            }
+            ends.push(self.descend(Problem::new(&short, &free, &self.chain, self.simulations, z), 30));
+        }
+        ends.retain(|p| p.cost().is_finite());
+        ends.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let starts_rms_m: Vec<f64> =
+            ends.iter().map(|p| rms((0..short.len()).flat_map(|i| p.residual_m(i)))).collect();
+        let Some(best) = ends.first() else {
+            return Err(IdentifyError::NoFit { starts });
+        };
+        self.say(&format!("{hysterons} hysterons, polishing"));
+        let mut z = levenberg_marquardt::LeastSquaresProblem::params(best);
+        drop(ends);
+        let mut problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), 40);
+        z = problem.coordinates_now().clone();
+        if !free.iter().any(|f| f.quantity == Quantity::Delay) && self.delay_shows(&records, &free, &z) {
+            self.say(&format!("{hysterons} hysterons, with a delay"));
+            let at = free.len();
+            free.push(self.delay());
+            // One coordinate is half a percent of a sample: off its bound at zero, where it has no gradient to one side.
+            z = z.insert_row(at, 0.005);
+            problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), 40);
+            z = problem.coordinates_now().clone();
+        }
+        let (unseen, z, free_left) = self.set_aside_unseen(&records, free, z);
+        let problem = Problem::new(&records, &free_left, &self.chain, self.simulations, z);
+        Ok(self.report(&records, &problem, &free_left, &unseen, starts_rms_m))
+    }
+
+    /// Whether a delay would explain some of what is left: its linear estimate, every other coordinate free to move.
+    fn delay_shows(&self, records: &[Record<'_>], free: &[Free], z: &DVector<f64>) -> bool {
+        let mut free = free.to_vec();
+        let at = free.len();
+        free.push(self.delay());
+        let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
+        let Some(covariance) = self.covariance(records, &problem) else { return false };
+        let sensitivities = problem.sensitivities();
+        let residual = problem.data_residuals();
+        let gradient = sensitivities.tr_mul(&residual);
+        let Some(normal) = sensitivities.tr_mul(&sensitivities).cholesky() else { return false };
+        let step = -normal.solve(&gradient);
+        step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()
+    }
+
+    /// Covariance of the coordinates: data weighted by their residual's size and counted in independent samples, plus priors.
+    fn covariance(&self, records: &[Record<'_>], problem: &Problem<'_>) -> Option<DMatrix<f64>> {
+        let mut weighted = problem.sensitivities();
+        let mut from = 0;
+        for (index, record) in records.iter().enumerate() {
+            let residual = problem.residual_m(index);
+            let correlation = Autocorrelation::of(&residual, residual.len() / 4);
+            let sigma_units = rms(residual.iter().copied()) / record.noise_m * correlation.samples_per_independent().sqrt();
+            weighted.rows_mut(from, residual.len()).scale_mut(1.0 / sigma_units.max(1e-12));
+            from += residual.len();
+        }
+        let mut information = weighted.tr_mul(&weighted);
+        for (i, sigma) in problem.prior_sigma().iter().enumerate() {
+            information[(i, i)] += 1.0 / (sigma * sigma);
+        }
+        information.cholesky().map(|c| c.inverse())
+    }
+
+    /// Puts numbers that the logs can't see back at their priors, the least visible first, refitting the rest each time.
+    fn set_aside_unseen(
+        &self,
+        records: &[Record<'_>],
+        mut free: Vec<Free>,
+        mut z: DVector<f64>,
+    ) -> (Vec<Free>, DVector<f64>, Vec<Free>) {
+        let mut unseen = Vec::new();
+        let mut kept_although_dim: Vec<Quantity> = Vec::new();
+        loop {
+            let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone());
+            let Some(covariance) = self.covariance(records, &problem) else { break };
+            let dimmest = (0..free.len())
+                .filter(|&i| !kept_although_dim.contains(&free[i].quantity))
+                .map(|i| (i, covariance[(i, i)].sqrt() / free[i].prior_sigma))
+                .max_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((index, _)) = dimmest.filter(|d| d.1 > UNSEEN) else { break };
+            self.say(&format!("setting aside {}", free[index].quantity.name()));
+            let mut fewer = free.clone();
+            let set_aside = fewer.remove(index);
+            let refitted = self.descend(
+                Problem::new(records, &fewer, &self.chain, self.simulations, z.clone().remove_row(index)),
+                20,
+            );
+            // A number that costs fit when it is put back is seen after all, if only along with others.
+            let independent = self.samples_per_independent(records, &problem);
+            if refitted.data_cost() - problem.data_cost() > 9.0 * independent * problem.data_cost() / problem.data_rows() as f64 {
+                kept_although_dim.push(set_aside.quantity);
+                continue;
+            }
+            z = refitted.coordinates_now().clone();
+            free = fewer;
+            unseen.push(set_aside);
+        }
+        (unseen, z, free)
+    }
+
+    fn samples_per_independent(&self, records: &[Record<'_>], problem: &Problem<'_>) -> f64 {
+        let mean = |sum: f64| sum / records.len() as f64;
+        mean(
+            (0..records.len())
+                .map(|i| {
+                    let residual = problem.residual_m(i);
+                    Autocorrelation::of(&residual, residual.len() / 4).samples_per_independent()
+                })
+                .sum(),
+        )
+    }
+
+    fn report(
+        &self,
+        records: &[Record<'_>],
+        problem: &Problem<'_>,
+        free: &[Free],
+        unseen: &[Free],
+        starts_rms_m: Vec<f64>,
+    ) -> Fit {
+        let z = problem.coordinates_now();
+        let covariance = self.covariance(records, problem);
+        let fitted_chain = problem.chain(z);
+        let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
+        let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);
+        let mut model = self.nominal.clone();
+        let names: Vec<&str> = self.logs.iter().map(|l| l.name.as_str()).collect();
+        let source = format!("identified from {}", names.join(", "));
+        let mut parameters = vec![Fitted {
+            name: "mass_kg".into(),
+            value: self.chain.plant.mass_kg,
+            sigma: self.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
+            prior: self.chain.plant.mass_kg,
+            verdict: Verdict::Given,
+            note: "given; displacement alone determines only ratios to the mass".into(),
+        }];
+        for (i, free) in free.iter().enumerate() {
+            let coordinate_sigma = covariance.as_ref().map_or(f64::NAN, |c| c[(i, i)].sqrt());
+            let (value, per_si) = (free.at(z[i]), free.quantity.per_si());
+            let number_sigma = free.number_sigma(z[i], coordinate_sigma);
+            let record = free.quantity.record(&mut model);
+            let sigma = match free.scale {
+                Scale::Log { .. } => {
+                    *record = Param::new(value * per_si, number_sigma, &source);
+                    number_sigma * value * per_si
+                }
+                Scale::NotNegative { .. } => {
+                    *record = Param::absolute(value * per_si, number_sigma * per_si, &source);
+                    number_sigma * per_si
+                }
+            };
+            let at_bound = free.at_bound(z[i]);
+            parameters.push(Fitted {
+                name: free.quantity.name(),
+                value: value * per_si,
+                sigma,
+                prior: free.prior * per_si,
+                verdict: if at_bound { Verdict::AtBound } else { Verdict::Fitted },
+                note: if at_bound {
+                    "at its bound: start nearer to it (--plant), or the model lacks an effect".into()
+                } else {
+                    "fitted".into()
+                },
+            });
+        }
+        for free in unseen {
+            let per_si = free.quantity.per_si();
+            parameters.push(Fitted {
+                name: free.quantity.name(),
+                value: free.prior * per_si,
+                sigma: match free.scale {
+                    Scale::Log { .. } => free.prior * per_si * free.prior_sigma,
+                    Scale::NotNegative { unit } => free.prior_sigma * unit * per_si,
+                },
+                prior: free.prior * per_si,
+                verdict: Verdict::Unseen,
+                note: why_unseen(free.quantity, &fitted_chain, &reach_v),
+            });
+            let record = free.quantity.record(&mut model);
+            record.source = format!("not seen by {}; kept at: {}", names.join(", "), record.source);
+        }
+        let order: Vec<String> = std::iter::once("mass_kg".into())
+            .chain(Quantity::of(&self.nominal).into_iter().map(Quantity::name))
+            .collect();
+        parameters.sort_by_key(|p| order.iter().position(|name| *name == p.name).unwrap_or(usize::MAX));
+
+        let offset_m = logs.iter().map(|l| l.offset_m).sum::<f64>() / logs.len() as f64;
+        model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, logs[0].noise_m * 1e6, &source));
+        model.sensor.noise_um = Some(Param::new(logs[0].noise_m * 1e6, 0.1, &source));
+        if logs.len() == 1 {
+            let start = &logs[0].start;
+            model.initial_state = Some(InitialStateSection {
+                displacement_um: start.state.displacement_m * 1e6,
+                velocity_um_per_s: start.state.velocity_m_per_s * 1e6,
+                hysteron_v: start.state.hysteron_v.clone(),
+                drive_v: start.drive_v,
+            });
+        }
+        let rows = problem.data_rows() as f64;
+        let count = z.len() as f64;
+        let log_mean_square = (problem.data_cost() / rows).ln();
+        let independent = rows / self.samples_per_independent(records, problem);
+        Fit {
+            model,
+            parameters,
+            logs,
+            starts_rms_m,
+            aic: rows * log_mean_square + 2.0 * count,
+            bic: rows * log_mean_square + count * rows.ln(),
+            bic_independent: independent * log_mean_square + count * independent.ln(),
+            simulations: self.simulations.load(Ordering::Relaxed),
+            seed: self.options.seed,
+        }
+    }
+}
+
+fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
+    let predicted_m = problem.prediction_m(index, problem.coordinates_now());
+    let mut score = Score::default();
+    for (y, p) in record.log.displacement_m.iter().zip(&predicted_m).skip(record.run_in) {
+        score.add(*y, *p);
+    }
+    let (offset_m, start) = problem.own_start(index);
+    LogFit {
+        name: record.log.name.clone(),
+        predicted_m,
+        run_in_rows: record.run_in,
+        rms_m: score.rms_m(false),
+        fit_percent: score.fit_percent(false),
+        noise_m: record.noise_m,
+        offset_m,
+        start,
+        autocorrelation: Autocorrelation::of(&problem.residual_m(index), LAGS),
+    }
+}
+
+/// Largest voltage that each hysteron reaches in any log: whether its dead zone ever opens.
+fn largest_hysteron_voltages(records: &[Record<'_>], problem: &Problem<'_>, chain: &Chain) -> Vec<f64> {
+    let mut largest = vec![0.0f64; chain.plant.hysterons.len()];
+    for (index, record) in records.iter().enumerate() {
+        let (_, start) = problem.own_start(index);
+        let log = record.log;
+        let mut player = plant_sim::replay::Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, &start);
+        for (k, &u) in log.command_v.iter().enumerate() {
+            let next = log.command_v.get(k + 1).copied().unwrap_or(u);
+            player.row(u, next, log.force_n.as_ref().map_or(0.0, |f| f[k]));
+            for (largest, v) in largest.iter_mut().zip(player.hysteron_v()) {
+                *largest = largest.max(v.abs());
+            }
+        }
+    }
+    largest
+}
+
+fn why_unseen(quantity: Quantity, chain: &Chain, reach_v: &[f64]) -> String {
+    let kept = "these logs can't see it; kept at its prior";
+    let (Quantity::DeadZone(i) | Quantity::Slope(i)) = quantity else { return kept.into() };
+    let (hysteron, reach_v) = (&chain.plant.hysterons[i], reach_v[i]);
+    if reach_v < hysteron.edge_v() {
+        return format!(
+            "{kept}: hysteron {} reaches {reach_v:.2} V and never opens at {:.2} V; drive it further",
+            i + 1,
+            hysteron.edge_v()
+        );
+    }
+    match quantity {
+        Quantity::Slope(_) => format!(
+            "{kept}: once open, hysteron {} follows within {:.1e} s, faster than the logs resolve",
+            i + 1,
+            hysteron.capacitance_f / hysteron.slope_s
+        ),
+        _ => kept.into(),
+    }
+}

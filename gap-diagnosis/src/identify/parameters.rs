@@ -1,0 +1,192 @@
+//! Which numbers of a model are fitted, and how an unbounded vector of coordinates becomes those numbers.
+//!
+//! Positive parameters are fitted as logarithms inside bounds: p = prior * exp(B tanh(z / B)), which is prior * exp(z) near the
+//! prior and never leaves prior * exp(+-B). Unbounded logarithms end in local minima in most runs.
+
+use plant_sim::chain::Chain;
+use plant_sim::model::Model;
+use plant_sim::param::Param;
+use plant_sim::replay::{Initial, Start};
+
+/// How a coordinate becomes a number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// A positive number within a factor exp(+-bound) of its prior.
+    Log {
+        /// B, natural logarithm of the largest factor.
+        bound: f64,
+    },
+    /// prior + unit * z, never below zero.
+    NotNegative {
+        /// What one coordinate unit is worth, in the number's SI unit.
+        unit: f64,
+    },
+}
+
+/// A number of the chain that can be fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Quantity {
+    /// k.
+    Stiffness,
+    /// b.
+    Damping,
+    /// alpha.
+    Transduction,
+    /// C of hysteron i.
+    Capacitance(usize),
+    /// beta of hysteron i.
+    Slope(usize),
+    /// d of hysteron i.
+    DeadZone(usize),
+    /// The drive's delay.
+    Delay,
+}
+
+impl Quantity {
+    /// The quantities of a model, mass left out: from displacement alone only ratios to the mass can be identified.
+    pub fn of(model: &Model) -> Vec<Quantity> {
+        let mut all = vec![Quantity::Stiffness, Quantity::Damping, Quantity::Transduction];
+        for i in 0..model.actuator.hysterons.len() {
+            all.extend([Quantity::Capacitance(i), Quantity::Slope(i), Quantity::DeadZone(i)]);
+        }
+        all
+    }
+
+    /// Name with the unit of the model file, hysterons counted from 1.
+    pub fn name(self) -> String {
+        match self {
+            Quantity::Stiffness => "stiffness_N_per_m".into(),
+            Quantity::Damping => "damping_N_s_per_m".into(),
+            Quantity::Transduction => "transduction_C_per_m".into(),
+            Quantity::Capacitance(i) => format!("capacitance{}_F", i + 1),
+            Quantity::Slope(i) => format!("slope{}_S", i + 1),
+            Quantity::DeadZone(i) => format!("dead_zone{}_V", i + 1),
+            Quantity::Delay => "delay_us".into(),
+        }
+    }
+
+    /// Factor from SI to the unit of the model file.
+    pub fn per_si(self) -> f64 {
+        if self == Quantity::Delay { 1e6 } else { 1.0 }
+    }
+
+    /// The number in a chain, SI.
+    pub fn number(self, chain: &mut Chain) -> &mut f64 {
+        let plant = &mut chain.plant;
+        match self {
+            Quantity::Stiffness => &mut plant.stiffness_n_per_m,
+            Quantity::Damping => &mut plant.damping_n_s_per_m,
+            Quantity::Transduction => &mut plant.transduction_c_per_m,
+            Quantity::Capacitance(i) => &mut plant.hysterons[i].capacitance_f,
+            Quantity::Slope(i) => &mut plant.hysterons[i].slope_s,
+            Quantity::DeadZone(i) => &mut plant.hysterons[i].dead_zone_v,
+            Quantity::Delay => &mut chain.drive.delay_s,
+        }
+    }
+
+    /// The record in a model file.
+    pub fn record(self, model: &mut Model) -> &mut Param {
+        match self {
+            Quantity::Stiffness => &mut model.structure.stiffness_n_per_m,
+            Quantity::Damping => &mut model.structure.damping_n_s_per_m,
+            Quantity::Transduction => &mut model.actuator.transduction_c_per_m,
+            Quantity::Capacitance(i) => &mut model.actuator.hysterons[i].capacitance_f,
+            Quantity::Slope(i) => &mut model.actuator.hysterons[i].slope_s,
+            Quantity::DeadZone(i) => &mut model.actuator.hysterons[i].dead_zone_v,
+            Quantity::Delay => model.drive.delay_us.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
+        }
+    }
+}
+
+/// One fitted quantity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Free {
+    /// Which number.
+    pub quantity: Quantity,
+    /// Its value at coordinate zero, SI.
+    pub prior: f64,
+    /// How the coordinate is read.
+    pub scale: Scale,
+    /// Standard deviation of the coordinate under the prior.
+    pub prior_sigma: f64,
+}
+
+impl Free {
+    /// The number at coordinate `z`, SI.
+    pub fn at(&self, z: f64) -> f64 {
+        match self.scale {
+            Scale::Log { bound } => self.prior * (bound * (z / bound).tanh()).exp(),
+            Scale::NotNegative { unit } => (self.prior + unit * z).max(0.0),
+        }
+    }
+
+    /// The coordinate at which the number is `value`; inside the bounds.
+    pub fn coordinate(&self, value: f64) -> f64 {
+        match self.scale {
+            Scale::Log { bound } => bound * ((value / self.prior).ln() / bound).clamp(-0.999, 0.999).atanh(),
+            Scale::NotNegative { unit } => (value - self.prior) / unit,
+        }
+    }
+
+    /// Standard deviation of the number (relative for logarithms, SI otherwise) for one of the coordinate at `z`.
+    pub fn number_sigma(&self, z: f64, coordinate_sigma: f64) -> f64 {
+        match self.scale {
+            Scale::Log { bound } => coordinate_sigma / (z / bound).cosh().powi(2),
+            Scale::NotNegative { unit } => coordinate_sigma * unit,
+        }
+    }
+
+    /// Whether the number sits at its bound.
+    pub fn at_bound(&self, z: f64) -> bool {
+        match self.scale {
+            Scale::Log { bound } => (z / bound).tanh().abs() > 0.99,
+            Scale::NotNegative { .. } => false,
+        }
+    }
+}
+
+/// Coordinates that describe the state at the start of one log.
+///
+/// At rest: the drive held before the log, in units of `span_v`, and the voltage of each hysteron as a fraction tanh(z) of its edge.
+/// Fitted: displacement and velocity as well, and the hysteron voltages without bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartCoordinates {
+    /// What is assumed.
+    pub initial: Initial,
+    /// Drive before the log at coordinate zero, in volts.
+    pub drive_v: f64,
+    /// Volts of one coordinate unit of the drive.
+    pub span_v: f64,
+}
+
+impl StartCoordinates {
+    /// How many coordinates a log has for its start.
+    pub fn count(&self, hysterons: usize) -> usize {
+        match self.initial {
+            Initial::Relaxed => 0,
+            Initial::Rest => 1 + hysterons,
+            Initial::Fit => 3 + hysterons,
+        }
+    }
+
+    /// The start at coordinates `z`.
+    pub fn at(&self, chain: &Chain, z: &[f64]) -> Start {
+        if self.initial == Initial::Relaxed {
+            return Start::relaxed(chain);
+        }
+        let hysterons = &chain.plant.hysterons;
+        let drive_v = self.drive_v + self.span_v * z[0];
+        let own = &z[1..=hysterons.len()];
+        if self.initial == Initial::Rest {
+            let held_v = hysterons.iter().zip(own).map(|(h, z)| h.edge_v() * z.tanh()).collect();
+            return Start::at_rest(chain, drive_v, held_v);
+        }
+        let voltages = hysterons.iter().zip(own).map(|(h, z)| (h.edge_v() + 1e-3 * self.span_v) * z).collect();
+        let mut start = Start::at_rest(chain, drive_v, voltages);
+        let travel_m = chain.plant.static_gain_m_per_v() * self.span_v;
+        start.state.displacement_m += travel_m * z[hysterons.len() + 1];
+        let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
+        start.state.velocity_m_per_s += travel_m * turning_per_s * z[hysterons.len() + 2];
+        start
+    }
+}

@@ -1,0 +1,253 @@
+//! The least-squares problem: residuals of all logs in units of their noise, priors, and sensitivities by re-simulation.
+
+use super::parameters::{Free, StartCoordinates};
+use levenberg_marquardt::LeastSquaresProblem;
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+use plant_sim::replay::{Start, predict};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Step of the coordinates for sensitivities. The simulator is exact to about 1e-13 of full scale, so a step of 1e-6 leaves
+/// seven digits of a sensitivity of order one, more than the curvature of the model does.
+const STEP: f64 = 1e-6;
+
+/// One log as the fit sees it.
+#[derive(Clone, Debug)]
+pub struct Record<'a> {
+    /// The log.
+    pub log: &'a Log,
+    /// Rows at the start that are simulated but not scored.
+    pub run_in: usize,
+    /// Rows that are used at all.
+    pub rows: usize,
+    /// Rms of its noise in metres: the unit of its residuals.
+    pub noise_m: f64,
+    /// Its start.
+    pub start: StartCoordinates,
+}
+
+impl Record<'_> {
+    fn scored(&self) -> usize {
+        self.rows - self.run_in
+    }
+}
+
+/// Coordinates: the free quantities, then for each log its offset (in units of its noise-free span) and its start.
+#[derive(Clone)]
+pub struct Problem<'a> {
+    records: &'a [Record<'a>],
+    free: &'a [Free],
+    nominal: &'a Chain,
+    simulations: &'a AtomicUsize,
+    offset_unit_m: f64,
+    z: DVector<f64>,
+    /// Predictions at `z` in noise units, scored rows of all logs.
+    scaled: Vec<f64>,
+    residuals: DVector<f64>,
+}
+
+impl<'a> Problem<'a> {
+    /// A problem at coordinates `z`; `simulations` counts simulated logs, for progress.
+    pub fn new(
+        records: &'a [Record<'a>],
+        free: &'a [Free],
+        nominal: &'a Chain,
+        simulations: &'a AtomicUsize,
+        z: DVector<f64>,
+    ) -> Self {
+        let offset_unit_m = records.iter().map(|r| spread_m(r)).fold(0.0, f64::max);
+        let mut problem =
+            Self {
+                records, free, nominal, simulations, offset_unit_m, z: z.clone(), scaled: Vec::new(), residuals: DVector::zeros(0)
+            };
+        problem.set_params(&z);
+        problem
+    }
+
+    /// Coordinates in all.
+    pub fn coordinates(records: &[Record<'_>], free: &[Free], hysterons: usize) -> usize {
+        free.len() + records.iter().map(|r| 1 + r.start.count(hysterons)).sum::<usize>()
+    }
+
+    /// The chain at coordinates `z`.
+    pub fn chain(&self, z: &DVector<f64>) -> Chain {
+        let mut chain = self.nominal.clone();
+        for (free, &z) in self.free.iter().zip(z.iter()) {
+            *free.quantity.number(&mut chain) = free.at(z);
+        }
+        chain
+    }
+
+    /// Where the coordinates of log `index` begin.
+    fn own(&self, index: usize) -> usize {
+        let hysterons = self.nominal.plant.hysterons.len();
+        self.free.len() + self.records[..index].iter().map(|r| 1 + r.start.count(hysterons)).sum::<usize>()
+    }
+
+    /// The present coordinates.
+    pub fn coordinates_now(&self) -> &DVector<f64> {
+        &self.z
+    }
+
+    /// Moves the offset of log `index` in `z` by `offset_m`.
+    pub fn set_offset(&self, z: &mut DVector<f64>, index: usize, offset_m: f64) {
+        z[self.own(index)] += offset_m / self.offset_unit_m;
+    }
+
+    /// Residuals of the data rows in noise units.
+    pub fn data_residuals(&self) -> DVector<f64> {
+        self.residuals.rows(0, self.data_rows()).into_owned()
+    }
+
+    /// Offset in metres and start of log `index` at the present coordinates.
+    pub fn own_start(&self, index: usize) -> (f64, Start) {
+        let chain = self.chain(&self.z);
+        let at = self.own(index);
+        (self.offset_unit_m * self.z[at], self.records[index].start.at(&chain, &self.z.as_slice()[at + 1..]))
+    }
+
+    /// Prediction of log `index` at `z` in metres, its offset included.
+    pub fn prediction_m(&self, index: usize, z: &DVector<f64>) -> Vec<f64> {
+        self.simulations.fetch_add(1, Ordering::Relaxed);
+        let record = &self.records[index];
+        let chain = self.chain(z);
+        let at = self.own(index);
+        let start = record.start.at(&chain, &z.as_slice()[at + 1..]);
+        let offset_m = self.offset_unit_m * z[at];
+        let mut predicted = predict(&chain, record.log, &start, record.rows);
+        predicted.iter_mut().for_each(|p| *p += offset_m);
+        predicted
+    }
+
+    /// Prediction of the scored rows of log `index` in units of its noise.
+    fn scaled_log(&self, index: usize, z: &DVector<f64>) -> Vec<f64> {
+        let record = &self.records[index];
+        self.prediction_m(index, z)[record.run_in..].iter().map(|p| p / record.noise_m).collect()
+    }
+
+    /// Scored rows of log `index` within the rows of all logs.
+    fn rows_of(&self, index: usize) -> std::ops::Range<usize> {
+        let from: usize = self.records[..index].iter().map(Record::scored).sum();
+        from..from + self.records[index].scored()
+    }
+
+    /// Change of all scaled predictions when coordinate `j` moves by `step`; a log's own coordinates move no other log.
+    fn moved(&self, j: usize, step: f64) -> Vec<f64> {
+        let mut change = vec![0.0; self.data_rows()];
+        let mut z = self.z.clone();
+        z[j] += step;
+        for index in 0..self.records.len() {
+            let own = self.own(index)..self.own(index + 1);
+            if j >= self.free.len() && !own.contains(&j) {
+                continue;
+            }
+            let rows = self.rows_of(index);
+            if j == own.start {
+                // The offset is known without simulating.
+                change[rows].fill(step * self.offset_unit_m / self.records[index].noise_m);
+            } else {
+                let moved = self.scaled_log(index, &z);
+                for ((change, moved), at) in change[rows.clone()].iter_mut().zip(moved).zip(&self.scaled[rows]) {
+                    *change = moved - at;
+                }
+            }
+        }
+        change
+    }
+
+    /// Scored rows of all logs.
+    pub fn data_rows(&self) -> usize {
+        self.records.iter().map(Record::scored).sum()
+    }
+
+    /// Predicted minus measured in metres for log `index`, scored rows only.
+    pub fn residual_m(&self, index: usize) -> Vec<f64> {
+        let noise_m = self.records[index].noise_m;
+        self.residuals.as_slice()[self.rows_of(index)].iter().map(|r| r * noise_m).collect()
+    }
+
+    /// Sum of squares of the data rows, in noise units.
+    pub fn data_cost(&self) -> f64 {
+        self.residuals.rows(0, self.data_rows()).norm_squared()
+    }
+
+    /// Sum of squares of everything.
+    pub fn cost(&self) -> f64 {
+        self.residuals.norm_squared()
+    }
+
+    /// Data rows of the sensitivities by central differences: noise units per coordinate.
+    pub fn sensitivities(&self) -> DMatrix<f64> {
+        let columns: Vec<Vec<f64>> = (0..self.z.len())
+            .into_par_iter()
+            .map(|j| {
+                let [up, down] = [STEP, -STEP].map(|step| self.moved(j, step));
+                up.iter().zip(down).map(|(up, down)| (up - down) / (2.0 * STEP)).collect()
+            })
+            .collect();
+        DMatrix::from_vec(self.data_rows(), self.z.len(), columns.concat())
+    }
+
+    /// Standard deviation of every coordinate under the prior.
+    pub fn prior_sigma(&self) -> DVector<f64> {
+        // A start at rest can lie anywhere in its range, and an offset anywhere in several spans: one and ten units.
+        let hysterons = self.nominal.plant.hysterons.len();
+        let mut sigma: Vec<f64> = self.free.iter().map(|f| f.prior_sigma).collect();
+        for record in self.records {
+            sigma.push(10.0);
+            sigma.extend(vec![1.0; record.start.count(hysterons)]);
+        }
+        DVector::from_vec(sigma)
+    }
+}
+
+/// Spread of the scored measurement in metres.
+fn spread_m(record: &Record<'_>) -> f64 {
+    let y = &record.log.displacement_m[record.run_in..record.rows];
+    let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    (high - low).max(1e-9)
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ParameterStorage = Owned<f64, Dyn>;
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+    fn set_params(&mut self, z: &DVector<f64>) {
+        self.z.copy_from(z);
+        self.scaled = (0..self.records.len()).flat_map(|index| self.scaled_log(index, z)).collect();
+        let measured = self.records.iter().flat_map(|record| {
+            record.log.displacement_m[record.run_in..record.rows].iter().map(|y| y / record.noise_m)
+        });
+        let prior = self.z.component_div(&self.prior_sigma());
+        let residuals = self.scaled.iter().zip(measured).map(|(p, y)| p - y).chain(prior.iter().copied()).collect();
+        self.residuals = DVector::from_vec(residuals);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.z.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        self.residuals.iter().all(|r| r.is_finite()).then(|| self.residuals.clone())
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let count = self.z.len();
+        let prior = self.prior_sigma();
+        let columns: Vec<Vec<f64>> = (0..count)
+            .into_par_iter()
+            .map(|j| {
+                let mut column = self.moved(j, STEP);
+                column.iter_mut().for_each(|c| *c /= STEP);
+                column.extend((0..count).map(|i| if i == j { 1.0 / prior[i] } else { 0.0 }));
+                column
+            })
+            .collect();
+        let jacobian = DMatrix::from_vec(self.data_rows() + count, count, columns.concat());
+        jacobian.iter().all(|v| v.is_finite()).then_some(jacobian)
+    }
+}

@@ -1,0 +1,127 @@
+//! Controller files: what [`control_core::Settings`] needs, as TOML, each number with unit and source.
+
+use crate::param::Param;
+use crate::toml_file::{self, FileError};
+use control_core::{Law, Settings};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Schema of the files that this version reads and writes.
+pub const SCHEMA: &str = "hysteron-controller-1";
+
+/// A controller file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Controller {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// What it is, in words.
+    pub name: String,
+    /// Kp.
+    #[serde(rename = "kp_V_per_m")]
+    pub kp_v_per_m: Param,
+    /// Ki.
+    #[serde(rename = "ki_V_per_m_s")]
+    pub ki_v_per_m_s: Param,
+    /// k/alpha; zero for none.
+    #[serde(rename = "feedforward_V_per_m")]
+    pub feedforward_v_per_m: Param,
+    /// No limit, guard or shaping at all: for reproduction only. Said aloud, so that a forgotten section is an error.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unlimited: bool,
+    /// Volt and slew limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<LimitsSection>,
+    /// Clamp and shaping of the reference.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<ReferenceSection>,
+    /// Displacement trip.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardSection>,
+}
+
+/// `[limits]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LimitsSection {
+    /// Lowest drive.
+    #[serde(rename = "min_V")]
+    pub min_v: Param,
+    /// Highest drive.
+    #[serde(rename = "max_V")]
+    pub max_v: Param,
+    /// Largest change of the drive.
+    #[serde(rename = "slew_V_per_s")]
+    pub slew_v_per_s: Param,
+}
+
+/// `[reference]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceSection {
+    /// Clamp on either side of zero.
+    pub max_um: Param,
+    /// Largest rate; absent means unshaped.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_um_per_s: Option<Param>,
+    /// Largest acceleration; absent means unshaped.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceleration_um_per_s2: Option<Param>,
+}
+
+/// `[guard]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GuardSection {
+    /// Displacement that must never be reached.
+    pub trip_um: Param,
+    /// How long the plant moves on after the trip.
+    pub stop_time_us: Param,
+}
+
+impl Controller {
+    /// Reads a controller file and checks that a law can be built from it at 20 kHz.
+    ///
+    /// # Errors
+    /// One line naming file, key and what to do.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let controller: Self = toml_file::read(path, SCHEMA)?;
+        let invalid = |reason: String| FileError::Invalid { path: path.to_owned(), reason };
+        let guarded = [controller.limits.is_some(), controller.reference.is_some(), controller.guard.is_some()];
+        if controller.unlimited && guarded.contains(&true) {
+            return Err(invalid("unlimited = true contradicts [limits], [reference] or [guard]: drop one of them".into()));
+        }
+        if !controller.unlimited {
+            for (section, present) in ["limits", "reference", "guard"].iter().zip(guarded) {
+                if !present {
+                    return Err(invalid(format!("[{section}] is missing; without limits it needs `unlimited = true`")));
+                }
+            }
+        }
+        Law::try_build(&controller.settings(20e3)).map_err(|e| invalid(e.to_string()))?;
+        Ok(controller)
+    }
+
+    /// Settings in SI units for a loop at `rate_hz`.
+    pub fn settings(&self, rate_hz: f64) -> Settings {
+        let micro = |p: &Param| (p.value * 1e-6) as f32;
+        let gains = [&self.kp_v_per_m, &self.ki_v_per_m_s, &self.feedforward_v_per_m].map(|p| p.value as f32);
+        let mut settings = Settings::unlimited(rate_hz as f32, gains[0], gains[1], gains[2]);
+        if let Some(limits) = &self.limits {
+            settings.drive_min_v = limits.min_v.value as f32;
+            settings.drive_max_v = limits.max_v.value as f32;
+            settings.slew_v_per_s = limits.slew_v_per_s.value as f32;
+        }
+        if let Some(reference) = &self.reference {
+            settings.reference_max_m = micro(&reference.max_um);
+            settings.reference_rate_m_per_s = reference.rate_um_per_s.as_ref().map_or(f32::INFINITY, micro);
+            settings.reference_acceleration_m_per_s2 =
+                reference.acceleration_um_per_s2.as_ref().map_or(f32::INFINITY, micro);
+        }
+        if let Some(guard) = &self.guard {
+            settings.trip_m = micro(&guard.trip_um);
+            settings.stop_time_s = micro(&guard.stop_time_us);
+        }
+        settings
+    }
+}
