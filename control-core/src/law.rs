@@ -93,11 +93,16 @@ impl Law {
         if !self.guard.watch(&mut state.guard, measured_m).is_empty() {
             return self.safe(state);
         }
-        if !is_number(reference_m) {
+        // Inside the clamp it is a number, so the common path needs no comparison of its own for that.
+        let (reference_m, shaped) = if self.shaper.holds(reference_m) {
+            self.shaper
+                .follow(&mut state.shaper, reference_m, Limits::NONE)
+        } else if is_number(reference_m) {
+            self.shaper.follow_clamped(&mut state.shaper, reference_m)
+        } else {
             state.guard.latch(Limits::NOT_A_NUMBER);
             return self.safe(state);
-        }
-        let (reference_m, shaped) = self.shaper.step(&mut state.shaper, reference_m);
+        };
         let (drive_v, limited) = self.pi.step(&mut state.pi, reference_m, measured_m);
         if limited.is_safe_state() {
             state.guard.latch(limited);

@@ -58,16 +58,32 @@ pub struct Shaper {
 }
 
 /// Where the shaped reference is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct ShaperState {
     /// r, the last output.
     reference: f32,
-    /// What rounding took from r.
-    remainder: f32,
+    /// v, if the last output was exactly the target; NaN otherwise, and then `pursuit` holds. NaN fails the first
+    /// comparison of the common path, which so has to read and write no more than these two numbers.
+    followed_velocity: f32,
+    /// How the pursuit of the target stands; meaningless while the target is being followed exactly.
+    pursuit: Pursuit,
+}
+
+/// What is known beyond r while the reference is not the target.
+#[derive(Clone, Copy, Debug)]
+struct Pursuit {
     /// v, the last move.
     velocity: f32,
-    /// Target minus reference after the last step; 0 once caught up.
+    /// What rounding took from r.
+    remainder: f32,
+    /// Target minus reference after the last step.
     lag: f32,
+}
+
+impl Default for ShaperState {
+    fn default() -> Self {
+        ShaperState::at(0.0)
+    }
 }
 
 impl ShaperState {
@@ -75,7 +91,12 @@ impl ShaperState {
     pub fn at(reference: f32) -> ShaperState {
         ShaperState {
             reference,
-            ..ShaperState::default()
+            followed_velocity: 0.0,
+            pursuit: Pursuit {
+                velocity: 0.0,
+                remainder: 0.0,
+                lag: 0.0,
+            },
         }
     }
 
@@ -86,7 +107,21 @@ impl ShaperState {
 
     /// Expresses the velocity in another sampling period: `ratio` is the old rate over the new rate.
     pub(crate) fn rescale(&mut self, ratio: f32) {
-        self.velocity *= ratio;
+        self.followed_velocity *= ratio;
+        self.pursuit.velocity *= ratio;
+    }
+
+    /// Velocity, remainder and lag, whether the target is followed or pursued.
+    fn pursuit(&self) -> Pursuit {
+        if self.followed_velocity.is_nan() {
+            self.pursuit
+        } else {
+            Pursuit {
+                velocity: self.followed_velocity,
+                remainder: 0.0,
+                lag: 0.0,
+            }
+        }
     }
 }
 
@@ -145,16 +180,22 @@ impl Shaper {
     /// the reference already reached.
     #[inline]
     pub fn step(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
-        if wish.abs() <= self.clamp {
+        if self.holds(wish) {
             self.follow(state, wish, Limits::NONE)
         } else {
             self.follow_clamped(state, wish)
         }
     }
 
+    /// Whether the wish is a number inside the clamp.
+    #[inline(always)]
+    pub(crate) fn holds(&self, wish: f32) -> bool {
+        wish.abs() <= self.clamp
+    }
+
     /// The wish lies beyond the clamp, or is no number.
     #[cold]
-    fn follow_clamped(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
+    pub(crate) fn follow_clamped(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
         let target = if wish.is_nan() {
             state.reference
         } else {
@@ -165,28 +206,28 @@ impl Shaper {
 
     /// One sample towards a target inside the clamp.
     #[inline(always)]
-    fn follow(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
+    pub(crate) fn follow(
+        &self,
+        state: &mut ShaperState,
+        target: f32,
+        limits: Limits,
+    ) -> (f32, Limits) {
         if !self.shapes {
             state.reference = target;
             return (target, limits);
         }
-        // The common case, decided by four comparisons: the target is one allowed move away, was followed before, and
-        // leaves room to brake whichever way it goes. Anything else, and every doubt, goes to `catch_up`,
+        // The common case, decided by three comparisons: the last target was met exactly, this one is an allowed move
+        // away, and it leaves room to brake whichever way it goes. Anything else, and every doubt, goes to `catch_up`,
         // which gives the same result when the target turns out to be allowed.
         let step = target - state.reference;
         let room = self.clamp - target.abs();
         let excess = step.abs() - self.half_planned;
-        if (step - state.velocity).abs() <= self.acceleration_per_sample2
+        if (step - state.followed_velocity).abs() <= self.acceleration_per_sample2
             && step.abs() <= self.rate_per_sample
-            && state.lag.abs() <= self.acceleration_per_sample2
             && excess * excess <= self.twice_planned * room
         {
-            *state = ShaperState {
-                reference: target,
-                remainder: 0.0,
-                velocity: step,
-                lag: 0.0,
-            };
+            state.reference = target;
+            state.followed_velocity = step;
             return (target, limits);
         }
         self.catch_up(state, target, limits)
@@ -195,8 +236,13 @@ impl Shaper {
     /// The general move: see the module's text.
     #[inline(never)]
     fn catch_up(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
+        let Pursuit {
+            velocity: last_velocity,
+            remainder,
+            lag,
+        } = state.pursuit();
         let step = target - state.reference;
-        let target_move = step - state.lag;
+        let target_move = step - lag;
         let target_velocity = if target_move.abs() > self.rate_per_sample {
             0.0
         } else {
@@ -219,25 +265,29 @@ impl Shaper {
         let braked = between(rated, -brakeable, brakeable);
         let velocity = between(
             braked,
-            state.velocity - self.acceleration_per_sample2,
-            state.velocity + self.acceleration_per_sample2,
+            last_velocity - self.acceleration_per_sample2,
+            last_velocity + self.acceleration_per_sample2,
         );
 
-        let (reference, remainder) = if velocity == step {
-            (target, 0.0)
-        } else {
-            // Fast2Sum: what the sum rounds away is kept for the next sample.
-            let advance = velocity + state.remainder;
-            let moved = state.reference + advance;
-            let remainder = advance - (moved - state.reference);
-            // Only rounding can bring this beyond the clamp.
-            (between(moved, -self.clamp, self.clamp), remainder)
-        };
+        if velocity == step {
+            state.reference = target;
+            state.followed_velocity = step;
+            return (target, limits);
+        }
+        // Fast2Sum: what the sum rounds away is kept for the next sample.
+        let advance = velocity + remainder;
+        let moved = state.reference + advance;
+        let remainder = advance - (moved - state.reference);
+        // Only rounding can bring this beyond the clamp.
+        let reference = between(moved, -self.clamp, self.clamp);
         *state = ShaperState {
             reference,
-            remainder,
-            velocity,
-            lag: target - reference,
+            followed_velocity: f32::NAN,
+            pursuit: Pursuit {
+                velocity,
+                remainder,
+                lag: target - reference,
+            },
         };
         let reason = if reference == target {
             Limits::NONE
