@@ -19,10 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("plant-sim", &["control-core"]),
     ("virtual-board", &["plant-sim"]),
     ("gap-diagnosis", &["plant-sim"]),
-    (
-        "hil-bridge",
-        &["wire", "control-core", "plant-sim", "virtual-board"],
-    ),
+    ("hil-bridge", &["wire", "control-core", "plant-sim", "virtual-board"]),
     ("bench-page", &["hil-bridge", "gap-diagnosis"]),
     // Makes the sealed cases: an equation shared with the solver would make the blind check a mirror.
     ("blind-truth", &[]),
@@ -65,37 +62,20 @@ pub fn run(project: &Project) -> Result<Outcome> {
     if !wrong.is_empty() {
         bail!("arrows:\n  {}", wrong.join("\n  "));
     }
-    println!(
-        "arrows: {} rooms, {} arrows, all in the allowed list",
-        rooms.len(),
-        arrows.len()
-    );
+    println!("arrows: {} rooms, {} arrows, all in the allowed list", rooms.len(), arrows.len());
     Ok(Outcome::Passed)
 }
 
 fn read(metadata: &Value, root: &Path) -> Result<(Vec<String>, Vec<Arrow>)> {
     let (mut rooms, mut arrows) = (Vec::new(), Vec::new());
-    for package in metadata["packages"]
-        .as_array()
-        .context("cargo metadata has no packages")?
-    {
-        let manifest = package["manifest_path"]
-            .as_str()
-            .context("a package without manifest_path")?;
-        let folder = Path::new(manifest)
-            .parent()
-            .context("a manifest without a folder")?;
+    for package in metadata["packages"].as_array().context("cargo metadata has no packages")? {
+        let manifest = package["manifest_path"].as_str().context("a package without manifest_path")?;
+        let folder = Path::new(manifest).parent().context("a manifest without a folder")?;
         let from = room(folder, root);
-        for dependency in package["dependencies"]
-            .as_array()
-            .context("a package without dependencies")?
-        {
+        for dependency in package["dependencies"].as_array().context("a package without dependencies")? {
             // Only our own rooms are path dependencies: what comes from a registry has no path.
             if let Some(path) = dependency["path"].as_str() {
-                arrows.push(Arrow {
-                    from: from.clone(),
-                    to: room(Path::new(path), root),
-                });
+                arrows.push(Arrow { from: from.clone(), to: room(Path::new(path), root) });
             }
         }
         rooms.push(from);
@@ -113,27 +93,15 @@ fn room(folder: &Path, root: &Path) -> String {
 }
 
 fn complaints(rooms: &[String], arrows: &[Arrow]) -> Vec<String> {
-    let allowed_from = |from: &str| {
-        ALLOWED
-            .iter()
-            .find(|(name, _)| *name == from)
-            .map(|(_, to)| *to)
-    };
+    let allowed_from = |from: &str| ALLOWED.iter().find(|(name, _)| *name == from).map(|(_, to)| *to);
     let unknown = rooms
         .iter()
         .filter(|name| allowed_from(name).is_none())
         .map(|name| format!("{name}: a room that xtask/src/arrows.rs does not know; add it there with its arrows"));
     let forbidden = arrows
         .iter()
-        .filter(|arrow| {
-            allowed_from(&arrow.from).is_some_and(|to| !to.contains(&arrow.to.as_str()))
-        })
-        .map(|arrow| {
-            format!(
-                "{} -> {}: not in the allowed list of xtask/src/arrows.rs",
-                arrow.from, arrow.to
-            )
-        });
+        .filter(|arrow| allowed_from(&arrow.from).is_some_and(|to| !to.contains(&arrow.to.as_str())))
+        .map(|arrow| format!("{} -> {}: not in the allowed list of xtask/src/arrows.rs", arrow.from, arrow.to));
     unknown.chain(forbidden).collect()
 }
 
@@ -168,17 +136,11 @@ mod tests {
     #[test]
     fn forbidden_arrows_are_named_even_for_development() {
         assert_eq!(check("control-core/", "/repo/plant-sim").len(), 1);
-        assert!(
-            check("control-core/", "/repo/plant-sim")[0].starts_with("control-core -> plant-sim")
-        );
+        assert!(check("control-core/", "/repo/plant-sim")[0].starts_with("control-core -> plant-sim"));
         assert!(check("", "/repo/firmware")[0].starts_with("hysteron -> firmware"));
-        assert!(
-            check("blind-truth/", "/repo/plant-sim")[0].starts_with("blind-truth -> plant-sim")
-        );
+        assert!(check("blind-truth/", "/repo/plant-sim")[0].starts_with("blind-truth -> plant-sim"));
         assert!(check("xtask/", "/repo")[0].starts_with("xtask -> hysteron"));
-        assert!(
-            check("plant-sim/", "/elsewhere/thing")[0].starts_with("plant-sim -> /elsewhere/thing")
-        );
+        assert!(check("plant-sim/", "/elsewhere/thing")[0].starts_with("plant-sim -> /elsewhere/thing"));
     }
 
     #[test]

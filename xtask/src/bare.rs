@@ -26,11 +26,7 @@ pub enum Toolchain {
 
 /// Builds every room of [`ROOMS`] and says which compiler did it.
 pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
-    let Some(toolchain) = choose(
-        wanted,
-        rustup_has_target(project)?,
-        debian_has_core(project),
-    ) else {
+    let Some(toolchain) = choose(wanted, rustup_has_target(project)?, debian_has_core(project)) else {
         bail!(
             "no compiler for {TARGET} here: `cargo xtask setup` installs one (rustup's target, or Debian's packages)"
         );
@@ -44,22 +40,11 @@ pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
         Toolchain::Rustup => "target/no-std-rustup",
         Toolchain::Debian => "target/no-std-debian",
     };
-    command.args([
-        "build",
-        "--release",
-        "--locked",
-        "--target",
-        TARGET,
-        "--target-dir",
-        folder,
-    ]);
+    command.args(["build", "--release", "--locked", "--target", TARGET, "--target-dir", folder]);
     if toolchain == Toolchain::Debian {
         command.arg("-Zbuild-std=core");
     }
-    for room in ROOMS
-        .iter()
-        .filter(|room| project.root.join(room).join("Cargo.toml").exists())
-    {
+    for room in ROOMS.iter().filter(|room| project.root.join(room).join("Cargo.toml").exists()) {
         command.args(["--package", room]);
     }
     println!("no-std: with {}", described(toolchain));
@@ -71,10 +56,7 @@ fn choose(wanted: Option<Toolchain>, rustup: bool, debian: bool) -> Option<Toolc
         Toolchain::Rustup => rustup,
         Toolchain::Debian => debian,
     };
-    let order = wanted.map_or_else(
-        || vec![Toolchain::Rustup, Toolchain::Debian],
-        |one| vec![one],
-    );
+    let order = wanted.map_or_else(|| vec![Toolchain::Rustup, Toolchain::Debian], |one| vec![one]);
     order.into_iter().find(available)
 }
 
@@ -87,11 +69,7 @@ fn described(toolchain: Toolchain) -> &'static str {
 
 fn rustup_has_target(project: &Project) -> Result<bool> {
     let sysroot = output(project.command("rustc").args(["--print", "sysroot"]))?;
-    Ok(Path::new(sysroot.trim())
-        .join("lib/rustlib")
-        .join(TARGET)
-        .join("lib")
-        .is_dir())
+    Ok(Path::new(sysroot.trim()).join("lib/rustlib").join(TARGET).join("lib").is_dir())
 }
 
 fn debian_has_core(project: &Project) -> bool {
@@ -103,18 +81,12 @@ fn debian_cargo(project: &Project) -> Command {
     let mut command = project.command(DEBIAN_CARGO);
     for (name, _) in std::env::vars_os() {
         let name_text = name.to_string_lossy();
-        if name_text == "CARGO"
-            || name_text.starts_with("CARGO_")
-            || name_text.starts_with("RUSTUP_")
-        {
+        if name_text == "CARGO" || name_text.starts_with("CARGO_") || name_text.starts_with("RUSTUP_") {
             command.env_remove(&name);
         }
     }
     // -Zbuild-std is unstable; RUSTC_BOOTSTRAP lets the stable compiler take it. Only `core` is built, and only here.
-    command.env("RUSTC_BOOTSTRAP", "1").env(
-        "PATH",
-        format!("/usr/bin:{}", std::env::var("PATH").unwrap_or_default()),
-    );
+    command.env("RUSTC_BOOTSTRAP", "1").env("PATH", format!("/usr/bin:{}", std::env::var("PATH").unwrap_or_default()));
     command
 }
 
@@ -131,10 +103,7 @@ mod tests {
 
     #[test]
     fn a_wish_is_never_replaced_by_the_other() {
-        assert_eq!(
-            choose(Some(Toolchain::Debian), true, true),
-            Some(Toolchain::Debian)
-        );
+        assert_eq!(choose(Some(Toolchain::Debian), true, true), Some(Toolchain::Debian));
         assert_eq!(choose(Some(Toolchain::Debian), true, false), None);
     }
 }

@@ -16,46 +16,18 @@ pub struct Step {
 
 /// Quick ones first, so that a slip in form is seen before minutes of tests.
 const STEPS: &[Step] = &[
-    Step {
-        name: "fmt",
-        what: "formatting",
-        run: fmt,
-    },
-    Step {
-        name: "arrows",
-        what: "dependencies between our rooms",
-        run: arrows::run,
-    },
-    Step {
-        name: "tidy",
-        what: "house rules",
-        run: tidy::run,
-    },
-    Step {
-        name: "deny",
-        what: "licences, sources, bans, advisories",
-        run: deny::run,
-    },
+    Step { name: "fmt", what: "formatting", run: fmt },
+    Step { name: "arrows", what: "dependencies between our rooms", run: arrows::run },
+    Step { name: "tidy", what: "house rules", run: tidy::run },
+    Step { name: "deny", what: "licences, sources, bans, advisories", run: deny::run },
     Step {
         name: "no-std",
         what: "the rooms that run on the chip, built for it",
         run: |project| bare::build(project, None),
     },
-    Step {
-        name: "clippy",
-        what: "lints, warnings denied",
-        run: clippy,
-    },
-    Step {
-        name: "doc",
-        what: "documentation, warnings denied",
-        run: doc,
-    },
-    Step {
-        name: "test",
-        what: "all tests",
-        run: test,
-    },
+    Step { name: "clippy", what: "lints, warnings denied", run: clippy },
+    Step { name: "doc", what: "documentation, warnings denied", run: doc },
+    Step { name: "test", what: "all tests", run: test },
 ];
 
 /// The whole first tier.
@@ -97,62 +69,31 @@ fn summary_line(name: &str, took: Duration, word: &str) -> String {
 /// `cargo fmt --check`, in every workspace here.
 pub fn fmt(project: &Project) -> Result<Outcome> {
     for manifest in project.manifests() {
-        passes(
-            project
-                .cargo()
-                .args(["fmt", "--all", "--check", "--manifest-path"])
-                .arg(manifest),
-        )?;
+        passes(project.cargo().args(["fmt", "--all", "--check", "--manifest-path"]).arg(manifest))?;
     }
     Ok(Outcome::Passed)
 }
 
 /// Lints of the library, the command, the tests and the examples, warnings denied.
 pub fn clippy(project: &Project) -> Result<Outcome> {
-    let args = [
-        "clippy",
-        "--workspace",
-        "--all-targets",
-        "--locked",
-        "--",
-        "-D",
-        "warnings",
-    ];
+    let args = ["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"];
     passes(project.cargo().args(args))
 }
 
 /// Documentation with private items: a dead link is an error.
 pub fn doc(project: &Project) -> Result<Outcome> {
-    let args = [
-        "doc",
-        "--workspace",
-        "--no-deps",
-        "--document-private-items",
-        "--locked",
-    ];
-    passes(
-        project
-            .cargo()
-            .env("RUSTDOCFLAGS", "-D warnings")
-            .args(args),
-    )
+    let args = ["doc", "--workspace", "--no-deps", "--document-private-items", "--locked"];
+    passes(project.cargo().env("RUSTDOCFLAGS", "-D warnings").args(args))
 }
 
 /// `cargo test`, with the runner's closing lines once more at the end, where a reader of a long log looks.
 pub fn test(project: &Project) -> Result<Outcome> {
-    run_tests(
-        project
-            .cargo()
-            .args(["test", "--workspace", "--locked", "--no-fail-fast"]),
-    )
+    run_tests(project.cargo().args(["test", "--workspace", "--locked", "--no-fail-fast"]))
 }
 
 /// Runs a test command, passes its output on and repeats the closing lines; `long` uses it too.
 pub fn run_tests(command: &mut Command) -> Result<Outcome> {
-    let mut child = command
-        .stdout(Stdio::piped())
-        .spawn()
-        .context("starting the tests")?;
+    let mut child = command.stdout(Stdio::piped()).spawn().context("starting the tests")?;
     let stdout = child.stdout.take().context("the tests have no output")?;
     let mut closing = Vec::new();
     for line in BufReader::new(stdout).split(b'\n') {
@@ -164,16 +105,9 @@ pub fn run_tests(command: &mut Command) -> Result<Outcome> {
         }
     }
     let status = child.wait().context("waiting for the tests")?;
-    println!(
-        "\nclosing lines of {} test programs:\n{}",
-        closing.len(),
-        closing.join("\n")
-    );
+    println!("\nclosing lines of {} test programs:\n{}", closing.len(), closing.join("\n"));
     let counts = Counts::of(&closing);
-    println!(
-        "tests: {} passed, {} failed, {} ignored",
-        counts.passed, counts.failed, counts.ignored
-    );
+    println!("tests: {} passed, {} failed, {} ignored", counts.passed, counts.failed, counts.ignored);
     if !status.success() {
         bail!("{status}: the tests");
     }
@@ -195,10 +129,7 @@ impl Counts {
     fn of(closing: &[String]) -> Self {
         let mut counts = Counts::default();
         for line in closing {
-            let words: Vec<&str> = line
-                .split([' ', ';', '.'])
-                .filter(|word| !word.is_empty())
-                .collect();
+            let words: Vec<&str> = line.split([' ', ';', '.']).filter(|word| !word.is_empty()).collect();
             for pair in words.windows(2) {
                 let number = pair[0].parse().unwrap_or(0);
                 match pair[1] {
@@ -224,14 +155,7 @@ mod tests {
             "test result: FAILED. 30 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.50s",
         ];
         let counts = Counts::of(&lines.map(str::to_owned));
-        assert_eq!(
-            counts,
-            Counts {
-                passed: 42,
-                failed: 2,
-                ignored: 1
-            }
-        );
+        assert_eq!(counts, Counts { passed: 42, failed: 2, ignored: 1 });
     }
 
     #[test]
@@ -248,21 +172,9 @@ mod tests {
     #[test]
     fn steps_go_on_after_a_failure_and_the_whole_fails() {
         let project = Project::find().unwrap();
-        let passing = Step {
-            name: "good",
-            what: "",
-            run: |_| Ok(Outcome::Passed),
-        };
-        let absent = Step {
-            name: "absent",
-            what: "",
-            run: |_| Ok(Outcome::NotRun("no board".into())),
-        };
-        let failing = Step {
-            name: "bad",
-            what: "",
-            run: |_| bail!("broken"),
-        };
+        let passing = Step { name: "good", what: "", run: |_| Ok(Outcome::Passed) };
+        let absent = Step { name: "absent", what: "", run: |_| Ok(Outcome::NotRun("no board".into())) };
+        let failing = Step { name: "bad", what: "", run: |_| bail!("broken") };
         assert!(run_steps(&project, [&passing, &absent].into_iter()).is_ok());
         let error = run_steps(&project, [&failing, &passing, &failing].into_iter()).unwrap_err();
         assert_eq!(error.to_string(), "failed: bad, bad");

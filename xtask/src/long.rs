@@ -9,11 +9,7 @@ use anyhow::{Result, bail};
 const PROPTEST_CASES: &str = "20000";
 
 const TASKS: &[Step] = &[
-    Step {
-        name: "tests",
-        what: "every test in release, HYSTERON_LONG=1, 20000 cases per property",
-        run: tests,
-    },
+    Step { name: "tests", what: "every test in release, HYSTERON_LONG=1, 20000 cases per property", run: tests },
     Step {
         name: "replay-2gb",
         what: "a 2 GB log replayed under a 600 MB address limit, peak memory printed",
@@ -50,16 +46,8 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Step>> {
 fn tests(project: &Project) -> Result<Outcome> {
     let cases = std::env::var("PROPTEST_CASES").unwrap_or_else(|_| PROPTEST_CASES.to_owned());
     let mut command = project.cargo();
-    command
-        .env("HYSTERON_LONG", "1")
-        .env("PROPTEST_CASES", cases);
-    run_tests(command.args([
-        "test",
-        "--release",
-        "--workspace",
-        "--locked",
-        "--no-fail-fast",
-    ]))
+    command.env("HYSTERON_LONG", "1").env("PROPTEST_CASES", cases);
+    run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]))
 }
 
 #[cfg(test)]
@@ -69,16 +57,10 @@ mod tests {
     #[test]
     fn names_are_unique_and_choose_in_the_order_given() {
         for task in TASKS {
-            assert_eq!(
-                TASKS.iter().filter(|other| other.name == task.name).count(),
-                1
-            );
+            assert_eq!(TASKS.iter().filter(|other| other.name == task.name).count(), 1);
         }
         let two = chosen(&["replay-2gb".to_owned(), "tests".to_owned()]).unwrap();
-        assert_eq!(
-            two.iter().map(|task| task.name).collect::<Vec<_>>(),
-            ["replay-2gb", "tests"]
-        );
+        assert_eq!(two.iter().map(|task| task.name).collect::<Vec<_>>(), ["replay-2gb", "tests"]);
         assert_eq!(chosen(&[]).unwrap().len(), TASKS.len());
         assert!(chosen(&["soup".to_owned()]).is_err());
     }

@@ -108,12 +108,7 @@ fn bench(project: &Project) -> Result<Outcome> {
     if !project.root.join("benches/Cargo.toml").exists() {
         return Ok(Outcome::NotRun("benches/ does not exist yet".into()));
     }
-    project::passes(project.cargo().args([
-        "run",
-        "--release",
-        "--manifest-path",
-        "benches/Cargo.toml",
-    ]))
+    project::passes(project.cargo().args(["run", "--release", "--manifest-path", "benches/Cargo.toml"]))
 }
 
 /// One script installs, for CI and developers: see there what and why.

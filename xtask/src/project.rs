@@ -27,12 +27,9 @@ pub struct Project {
 impl Project {
     /// Cargo tells a program it runs where its package lies; the compile-time value serves when the binary is started by hand.
     pub fn find() -> Result<Self> {
-        let package = env::var_os("CARGO_MANIFEST_DIR")
-            .map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
-        let root = package
-            .parent()
-            .context("xtask/ has no parent folder")?
-            .to_owned();
+        let package =
+            env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
+        let root = package.parent().context("xtask/ has no parent folder")?.to_owned();
         let cargo = env::var_os("CARGO").map_or_else(|| "cargo".into(), PathBuf::from);
         Ok(Project { root, cargo })
     }
@@ -52,38 +49,22 @@ impl Project {
     /// The workspaces of this repository that exist: the host's first, then those that build apart.
     pub fn manifests(&self) -> Vec<PathBuf> {
         let all = ["Cargo.toml", "firmware/Cargo.toml", "benches/Cargo.toml"];
-        all.iter()
-            .map(|path| self.root.join(path))
-            .filter(|path| path.exists())
-            .collect()
+        all.iter().map(|path| self.root.join(path)).filter(|path| path.exists()).collect()
     }
 
     /// `cargo metadata` of one workspace, without its dependencies: needs no network.
     pub fn metadata(&self, manifest: &Path) -> Result<Value> {
         let text = output(
-            self.cargo()
-                .args([
-                    "metadata",
-                    "--no-deps",
-                    "--format-version",
-                    "1",
-                    "--manifest-path",
-                ])
-                .arg(manifest),
+            self.cargo().args(["metadata", "--no-deps", "--format-version", "1", "--manifest-path"]).arg(manifest),
         )?;
         serde_json::from_str(&text).context("reading cargo metadata")
     }
 
     /// Builds the `hysteron` command as users get it and says where it is.
     pub fn release_binary(&self) -> Result<PathBuf> {
-        passes(
-            self.cargo()
-                .args(["build", "--release", "--locked", "--package", "hysteron"]),
-        )?;
+        passes(self.cargo().args(["build", "--release", "--locked", "--package", "hysteron"]))?;
         let metadata = self.metadata(&self.root.join("Cargo.toml"))?;
-        let target = metadata["target_directory"]
-            .as_str()
-            .context("cargo metadata has no target_directory")?;
+        let target = metadata["target_directory"].as_str().context("cargo metadata has no target_directory")?;
         Ok(Path::new(target).join("release/hysteron"))
     }
 }
@@ -91,24 +72,18 @@ impl Project {
 /// Shows the command, runs it with its output passed through, and fails if it fails.
 pub fn passes(command: &mut Command) -> Result<Outcome> {
     println!("$ {}", shown(command));
-    let status = command
-        .status()
-        .with_context(|| format!("starting {}", shown(command)))?;
+    let status = command.status().with_context(|| format!("starting {}", shown(command)))?;
     succeeded(command, status)
 }
 
 /// Like [`passes`], but gives up (and ends the program) after `limit`: for what may hang on a closed network.
 pub fn passes_within(command: &mut Command, limit: Duration) -> Result<Outcome> {
     println!("$ {}", shown(command));
-    let mut child = command
-        .spawn()
-        .with_context(|| format!("starting {}", shown(command)))?;
+    let mut child = command.spawn().with_context(|| format!("starting {}", shown(command)))?;
     let started = Instant::now();
     let status = watch(&mut child, |child| {
         if started.elapsed() > limit {
-            child
-                .kill()
-                .context("ending a program that took too long")?;
+            child.kill().context("ending a program that took too long")?;
             bail!("no end after {} s: {}", limit.as_secs(), shown(command));
         }
         Ok(())
@@ -117,10 +92,7 @@ pub fn passes_within(command: &mut Command, limit: Duration) -> Result<Outcome> 
 }
 
 /// Waits for `child`, calling `look` about twenty times a second until it ends; the child does not outlive an error.
-pub fn watch(
-    child: &mut Child,
-    mut look: impl FnMut(&mut Child) -> Result<()>,
-) -> Result<ExitStatus> {
+pub fn watch(child: &mut Child, mut look: impl FnMut(&mut Child) -> Result<()>) -> Result<ExitStatus> {
     loop {
         if let Some(status) = child.try_wait().context("waiting for a program")? {
             return Ok(status);
@@ -137,15 +109,9 @@ pub fn watch(
 
 /// Standard output of a command that must succeed; its standard error becomes part of the error.
 pub fn output(command: &mut Command) -> Result<String> {
-    let output = command
-        .output()
-        .with_context(|| format!("starting {}", shown(command)))?;
+    let output = command.output().with_context(|| format!("starting {}", shown(command)))?;
     if !output.status.success() {
-        bail!(
-            "{}: {}",
-            shown(command),
-            String::from_utf8_lossy(&output.stderr).trim()
-        );
+        bail!("{}: {}", shown(command), String::from_utf8_lossy(&output.stderr).trim());
     }
     String::from_utf8(output.stdout).with_context(|| format!("{} printed no UTF-8", shown(command)))
 }
@@ -166,10 +132,7 @@ fn shown(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let name = program.file_name().unwrap_or(program.as_os_str());
     let words = std::iter::once(name).chain(command.get_args());
-    words
-        .map(OsStr::to_string_lossy)
-        .collect::<Vec<_>>()
-        .join(" ")
+    words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -178,18 +141,14 @@ mod tests {
 
     #[test]
     fn a_failing_command_is_an_error_that_names_it() {
-        let error = passes(Command::new("false").arg("--really"))
-            .unwrap_err()
-            .to_string();
+        let error = passes(Command::new("false").arg("--really")).unwrap_err().to_string();
         assert!(error.contains("false --really"), "{error}");
     }
 
     #[test]
     fn a_hanging_command_is_ended_at_the_limit() {
         let started = Instant::now();
-        let error = passes_within(Command::new("sleep").arg("60"), Duration::from_millis(100))
-            .unwrap_err()
-            .to_string();
+        let error = passes_within(Command::new("sleep").arg("60"), Duration::from_millis(100)).unwrap_err().to_string();
         assert!(error.contains("sleep 60"), "{error}");
         // 0.1 s limit plus one 0.05 s poll; 10 s leaves room for a loaded machine and is still far from 60.
         assert!(started.elapsed() < Duration::from_secs(10));
@@ -197,12 +156,6 @@ mod tests {
 
     #[test]
     fn the_root_is_the_folder_with_this_crate_in_it() {
-        assert!(
-            Project::find()
-                .unwrap()
-                .root
-                .join("xtask/Cargo.toml")
-                .exists()
-        );
+        assert!(Project::find().unwrap().root.join("xtask/Cargo.toml").exists());
     }
 }

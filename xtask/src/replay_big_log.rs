@@ -31,23 +31,14 @@ pub fn run(project: &Project) -> Result<Outcome> {
     let prediction = folder.0.join("prediction.csv");
     let started = Instant::now();
     let n_rows = write_log(&log, LOG_BYTES)?;
-    println!(
-        "wrote {n_rows} rows, {LOG_BYTES} bytes, in {:.1} s",
-        started.elapsed().as_secs_f64()
-    );
+    println!("wrote {n_rows} rows, {LOG_BYTES} bytes, in {:.1} s", started.elapsed().as_secs_f64());
 
     let mut command = project.command("prlimit");
-    command
-        .arg(format!("--as={ADDRESS_LIMIT_BYTES}"))
-        .arg(program);
-    command
-        .args(["replay", "--plant", "models/thesis-phs.toml"])
-        .arg(&log);
+    command.arg(format!("--as={ADDRESS_LIMIT_BYTES}")).arg(program);
+    command.args(["replay", "--plant", "models/thesis-phs.toml"]).arg(&log);
     command.arg("--out").arg(&prediction).arg("--json");
     let started = Instant::now();
-    let mut child = command
-        .spawn()
-        .context("starting prlimit (package util-linux)")?;
+    let mut child = command.spawn().context("starting prlimit (package util-linux)")?;
     let status_file = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut peak_kb = 0;
     let status = watch(&mut child, |_| {
@@ -57,15 +48,9 @@ pub fn run(project: &Project) -> Result<Outcome> {
         }
         Ok(())
     })?;
-    println!(
-        "replay: {:.1} s, peak resident {:.1} MB",
-        started.elapsed().as_secs_f64(),
-        peak_kb as f64 / 1e3
-    );
+    println!("replay: {:.1} s, peak resident {:.1} MB", started.elapsed().as_secs_f64(), peak_kb as f64 / 1e3);
     if !status.success() {
-        bail!(
-            "{status}: replay of {n_rows} rows under {ADDRESS_LIMIT_BYTES} bytes of address space"
-        );
+        bail!("{status}: replay of {n_rows} rows under {ADDRESS_LIMIT_BYTES} bytes of address space");
     }
     let n_predicted = count_rows(&prediction)?;
     if n_predicted != n_rows {
@@ -116,8 +101,7 @@ fn write_log(path: &Path, n_bytes: u64) -> Result<u64> {
         written += (time.len() + tail.len()) as u64;
         n_rows += 1;
     }
-    out.flush()
-        .with_context(|| format!("writing {}", path.display()))?;
+    out.flush().with_context(|| format!("writing {}", path.display()))?;
     Ok(n_rows)
 }
 
@@ -137,9 +121,7 @@ fn count_rows(path: &Path) -> Result<u64> {
 
 /// `VmHWM` of a `/proc/PID/status`: the most memory the program ever held.
 fn peak_resident_kb(status: &str) -> Option<u64> {
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     line.split_whitespace().next()?.parse().ok()
 }
 
@@ -149,9 +131,7 @@ mod tests {
 
     #[test]
     fn the_log_has_the_size_asked_for_and_uniform_time() {
-        let folder =
-            Folder::new(&std::env::temp_dir().join(format!("xtask-{}", std::process::id())))
-                .unwrap();
+        let folder = Folder::new(&std::env::temp_dir().join(format!("xtask-{}", std::process::id()))).unwrap();
         let path = folder.0.join("log.csv");
         let n_rows = write_log(&path, 10_000).unwrap();
         let text = fs::read_to_string(&path).unwrap();
@@ -167,10 +147,7 @@ mod tests {
 
     #[test]
     fn the_peak_is_read_from_what_the_kernel_prints() {
-        assert_eq!(
-            peak_resident_kb("Name:\thysteron\nVmHWM:\t   12345 kB\nVmRSS:\t 1 kB\n"),
-            Some(12345)
-        );
+        assert_eq!(peak_resident_kb("Name:\thysteron\nVmHWM:\t   12345 kB\nVmRSS:\t 1 kB\n"), Some(12345));
         assert_eq!(peak_resident_kb("Name:\tx\n"), None);
     }
 }

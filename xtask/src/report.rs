@@ -37,11 +37,7 @@ pub fn run(project: &Project) -> Result<Outcome> {
     let program = project.release_binary()?;
     let scratch = project.root.join("target/report");
     fs::create_dir_all(&scratch).context("making target/report")?;
-    let mut runner = Program {
-        project,
-        program,
-        out: scratch.join("log.csv"),
-    };
+    let mut runner = Program { project, program, out: scratch.join("log.csv") };
     let text = document(&commit(project)?, &mut runner)?;
     let path = project.root.join("docs/tables.md");
     fs::create_dir_all(project.root.join("docs")).context("making docs/")?;
@@ -61,16 +57,8 @@ struct Program<'a> {
 impl Runner for Program<'_> {
     fn json(&mut self, args: &[String]) -> Result<Value> {
         println!("  hysteron {}", args.join(" "));
-        let text = output(
-            self.project
-                .command(&self.program)
-                .args(args)
-                .arg("--out")
-                .arg(&self.out)
-                .arg("--json"),
-        )?;
-        serde_json::from_str(&text)
-            .with_context(|| format!("hysteron {}: no JSON in {text:?}", args.join(" ")))
+        let text = output(self.project.command(&self.program).args(args).arg("--out").arg(&self.out).arg("--json"))?;
+        serde_json::from_str(&text).with_context(|| format!("hysteron {}: no JSON in {text:?}", args.join(" ")))
     }
 
     fn seed(&self) -> u64 {
@@ -86,59 +74,36 @@ fn document(commit: &str, runner: &mut dyn Runner) -> Result<String> {
     for table in TABLES {
         println!("{}", table.title);
         let rows = (table.rows)(runner).with_context(|| format!("table `{}`", table.title))?;
-        text.push_str(&format!(
-            "\n## {}\n\n{}\n\n{rows}",
-            table.title, table.about
-        ));
+        text.push_str(&format!("\n## {}\n\n{}\n\n{rows}", table.title, table.about));
     }
     Ok(text)
 }
 
 /// The commit the numbers belong to; a changed file is said, since then they belong to none.
 fn commit(project: &Project) -> Result<String> {
-    let git = |args: &[&str]| {
-        output(
-            project
-                .command("git")
-                .args(["-c", "safe.directory=*"])
-                .args(args),
-        )
-    };
+    let git = |args: &[&str]| output(project.command("git").args(["-c", "safe.directory=*"]).args(args));
     let hash = git(&["rev-parse", "--short=12", "HEAD"])?;
     // The document itself is about to change: it does not count.
     let changes = git(&["status", "--porcelain", "--", ".", ":!docs/tables.md"])?;
-    let remark = if changes.is_empty() {
-        ""
-    } else {
-        " with uncommitted changes"
-    };
+    let remark = if changes.is_empty() { "" } else { " with uncommitted changes" };
     Ok(format!("{}{remark}", hash.trim()))
 }
 
 /// The value of a key that the contract promises, with `digits` after the point.
 pub fn number(json: &Value, key: &str, digits: usize) -> Result<String> {
-    let value = json
-        .get(key)
-        .with_context(|| format!("hysteron printed no `{key}`"))?;
+    let value = json.get(key).with_context(|| format!("hysteron printed no `{key}`"))?;
     // A step that never settles has no settling time: the contract's numbers may be null.
     if value.is_null() {
         return Ok("-".to_owned());
     }
-    let value = value
-        .as_f64()
-        .with_context(|| format!("`{key}` is no number: {value}"))?;
+    let value = value.as_f64().with_context(|| format!("`{key}` is no number: {value}"))?;
     Ok(format!("{value:.digits$}"))
 }
 
 /// A Markdown table; numbers read best to the right.
 pub fn markdown(header: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let mut text = line(
-        &header
-            .iter()
-            .map(|&cell| cell.to_owned())
-            .collect::<Vec<_>>(),
-    );
+    let mut text = line(&header.iter().map(|&cell| cell.to_owned()).collect::<Vec<_>>());
     text.push_str(&line(&vec!["---:".to_owned(); header.len()]));
     rows.iter().for_each(|row| text.push_str(&line(row)));
     text
@@ -184,10 +149,7 @@ mod tests {
         for table in TABLES {
             assert!(text.contains(&format!("## {}\n", table.title)));
         }
-        assert!(
-            text.lines().all(|line| line == line.trim_end()),
-            "tidy holds for generated pages too"
-        );
+        assert!(text.lines().all(|line| line == line.trim_end()), "tidy holds for generated pages too");
     }
 
     #[test]

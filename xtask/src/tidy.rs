@@ -15,20 +15,12 @@ const MAX_RUST_LINES: usize = 800;
 const MAX_BYTES: usize = 1_000_000;
 
 /// Endings of the text files whose blanks are checked; data files may look as their source made them.
-const TEXT: &[&str] = &[
-    "rs", "toml", "md", "x", "sh", "yml", "yaml", "html", "css", "js", "py", "json",
-];
+const TEXT: &[&str] = &["rs", "toml", "md", "x", "sh", "yml", "yaml", "html", "css", "js", "py", "json"];
 
 /// Words no Rust line may have, with the reason. Split by `concat!`, so that this file passes its own search.
 const FORBIDDEN_RUST: &[(&str, &str)] = &[
-    (
-        concat!("#[", "ignore"),
-        "a test that never runs proves nothing; long ones belong in xtask long",
-    ),
-    (
-        concat!("should", "_panic"),
-        "assert on the error value, which says why it failed",
-    ),
+    (concat!("#[", "ignore"), "a test that never runs proves nothing; long ones belong in xtask long"),
+    (concat!("should", "_panic"), "assert on the error value, which says why it failed"),
     (concat!("dbg", "!("), "debugging left behind"),
     (concat!("todo", "!("), "a promise left behind"),
 ];
@@ -47,26 +39,15 @@ const FAST_MATH: &[&str] = &[
 ];
 
 /// Beginnings of paths that exist on one machine only.
-const MACHINE_PATHS: &[&str] = &[
-    concat!("/wor", "k/"),
-    concat!("/roo", "t/"),
-    concat!("/hom", "e/"),
-    concat!("/User", "s/"),
-];
+const MACHINE_PATHS: &[&str] =
+    &[concat!("/wor", "k/"), concat!("/roo", "t/"), concat!("/hom", "e/"), concat!("/User", "s/")];
 
 /// Checks every file of the repository and fails with the list of what is wrong where.
 pub fn run(project: &Project) -> Result<Outcome> {
     // CI may check out as another user than the one that runs; this only lists names.
-    let list = [
-        "-c",
-        "safe.directory=*",
-        "ls-files",
-        "-z",
-        "--cached",
-        "--others",
-    ];
-    let names = output(project.command("git").args(list).arg("--exclude-standard"))
-        .context("tidy needs git and a checkout")?;
+    let list = ["-c", "safe.directory=*", "ls-files", "-z", "--cached", "--others"];
+    let names =
+        output(project.command("git").args(list).arg("--exclude-standard")).context("tidy needs git and a checkout")?;
     let mut wrong = Vec::new();
     let mut n_files = 0;
     for name in names.split_terminator('\0') {
@@ -82,11 +63,7 @@ pub fn run(project: &Project) -> Result<Outcome> {
     wrong.sort();
     wrong.dedup();
     if !wrong.is_empty() {
-        bail!(
-            "tidy, {} in {n_files} files:\n  {}",
-            wrong.len(),
-            wrong.join("\n  ")
-        );
+        bail!("tidy, {} in {n_files} files:\n  {}", wrong.len(), wrong.join("\n  "));
     }
     println!("tidy: {n_files} files in order");
     Ok(Outcome::Passed)
@@ -95,10 +72,7 @@ pub fn run(project: &Project) -> Result<Outcome> {
 fn check(name: &str, bytes: &[u8]) -> Vec<String> {
     let mut wrong = Vec::new();
     if bytes.len() > MAX_BYTES {
-        wrong.push(format!(
-            "{name}: {} bytes, more than {MAX_BYTES}",
-            bytes.len()
-        ));
+        wrong.push(format!("{name}: {} bytes, more than {MAX_BYTES}", bytes.len()));
     }
     let Ok(text) = std::str::from_utf8(bytes) else {
         return wrong;
@@ -114,15 +88,11 @@ fn check(name: &str, bytes: &[u8]) -> Vec<String> {
     if is_rust(name) {
         let n_lines = text.lines().count();
         if n_lines > MAX_RUST_LINES {
-            wrong.push(format!(
-                "{name}: {n_lines} lines, more than {MAX_RUST_LINES}: split it"
-            ));
+            wrong.push(format!("{name}: {n_lines} lines, more than {MAX_RUST_LINES}: split it"));
         }
         // A `tests.rs` is the inside of a module whose own file says what it is.
         if !text.starts_with("//!") && !name.ends_with("/tests.rs") {
-            wrong.push(format!(
-                "{name}:1: does not open with `//!` saying what the file is"
-            ));
+            wrong.push(format!("{name}:1: does not open with `//!` saying what the file is"));
         }
     }
     wrong
@@ -134,10 +104,7 @@ fn check_line(name: &str, line: &str) -> Vec<String> {
         wrong.push("trailing blank".to_owned());
     }
     wrong.extend(
-        MACHINE_PATHS
-            .iter()
-            .filter(|path| has_path(line, path))
-            .map(|path| format!("`{path}`: a path of one machine")),
+        MACHINE_PATHS.iter().filter(|path| has_path(line, path)).map(|path| format!("`{path}`: a path of one machine")),
     );
     if is_comment(name, line) {
         return wrong;
@@ -146,9 +113,7 @@ fn check_line(name: &str, line: &str) -> Vec<String> {
         if line.contains('\t') {
             wrong.push("tab".to_owned());
         }
-        let words = FORBIDDEN_RUST
-            .iter()
-            .filter(|(word, _)| line.contains(word));
+        let words = FORBIDDEN_RUST.iter().filter(|(word, _)| line.contains(word));
         wrong.extend(words.map(|(word, reason)| format!("`{word}`: {reason}")));
     }
     if is_rust(name) || is_build_file(name) {
@@ -160,10 +125,8 @@ fn check_line(name: &str, line: &str) -> Vec<String> {
 
 /// A path counts where it begins a word: `https://example.org/.../` holds none.
 fn has_path(line: &str, path: &str) -> bool {
-    line.match_indices(path).any(|(at, _)| {
-        !line[..at]
-            .ends_with(|before: char| before.is_alphanumeric() || "._-/*}~$".contains(before))
-    })
+    line.match_indices(path)
+        .any(|(at, _)| !line[..at].ends_with(|before: char| before.is_alphanumeric() || "._-/*}~$".contains(before)))
 }
 
 fn is_comment(name: &str, line: &str) -> bool {
@@ -180,9 +143,7 @@ fn is_build_file(name: &str) -> bool {
 }
 
 fn is_text(name: &str) -> bool {
-    let extension = Path::new(name)
-        .extension()
-        .and_then(|ending| ending.to_str());
+    let extension = Path::new(name).extension().and_then(|ending| ending.to_str());
     name.starts_with(".ci/") || extension.is_some_and(|ending| TEXT.contains(&ending))
 }
 
@@ -197,18 +158,12 @@ mod tests {
     #[track_caller]
     fn one(name: &str, text: &str, expected: &str) {
         let wrong = complaints(name, text);
-        assert!(
-            wrong.len() == 1 && wrong[0].contains(expected),
-            "{expected}: {wrong:?}"
-        );
+        assert!(wrong.len() == 1 && wrong[0].contains(expected), "{expected}: {wrong:?}");
     }
 
     #[test]
     fn a_tidy_file_passes() {
-        assert_eq!(
-            complaints("a/src/lib.rs", "//! What it is.\n\nfn f() {}\n"),
-            [""; 0]
-        );
+        assert_eq!(complaints("a/src/lib.rs", "//! What it is.\n\nfn f() {}\n"), [""; 0]);
         assert_eq!(complaints("a/src/law/tests.rs", "use super::*;\n"), [""; 0]);
         assert_eq!(complaints("empty.md", ""), [""; 0]);
     }
@@ -219,31 +174,20 @@ mod tests {
         one("a.md", "Text  \n", "trailing blank");
         one("a.rs", "//! X.\n\tfn f() {}\n", "tab");
         one("a.rs", "//! X.", "newline");
-        assert_eq!(
-            complaints("log.csv", "1, 2 \n3, 4"),
-            [""; 0],
-            "data stays as its source made it"
-        );
+        assert_eq!(complaints("log.csv", "1, 2 \n3, 4"), [""; 0], "data stays as its source made it");
     }
 
     #[test]
     fn rust_opens_with_what_it_is_and_stays_readable() {
         one("a.rs", "fn f() {}\n", "does not open with");
-        one(
-            "a.rs",
-            &format!("//! X.\n{}", "fn f() {}\n".repeat(MAX_RUST_LINES)),
-            "801 lines",
-        );
+        one("a.rs", &format!("//! X.\n{}", "fn f() {}\n".repeat(MAX_RUST_LINES)), "801 lines");
     }
 
     #[test]
     fn forbidden_words_are_found_in_code_and_not_in_comment_lines() {
         for (word, _) in FORBIDDEN_RUST {
             one("a.rs", &format!("//! X.\n    {word}x)]\n"), word);
-            assert_eq!(
-                complaints("a.rs", &format!("//! X.\n    // no {word} here\n")),
-                [""; 0]
-            );
+            assert_eq!(complaints("a.rs", &format!("//! X.\n    // no {word} here\n")), [""; 0]);
         }
     }
 
@@ -251,19 +195,9 @@ mod tests {
     fn reordered_arithmetic_is_found_where_it_acts() {
         for flag in FAST_MATH {
             one("a.rs", &format!("//! X.\nx.{flag}(y);\n"), flag);
-            one(
-                ".cargo/config.toml",
-                &format!("rustflags = [\"-C{flag}\"]\n"),
-                flag,
-            );
-            assert_eq!(
-                complaints("a.md", &format!("Why {flag} is banned.\n")),
-                [""; 0]
-            );
-            assert_eq!(
-                complaints("Cargo.toml", &format!("# {flag} is banned.\n")),
-                [""; 0]
-            );
+            one(".cargo/config.toml", &format!("rustflags = [\"-C{flag}\"]\n"), flag);
+            assert_eq!(complaints("a.md", &format!("Why {flag} is banned.\n")), [""; 0]);
+            assert_eq!(complaints("Cargo.toml", &format!("# {flag} is banned.\n")), [""; 0]);
         }
     }
 
@@ -272,10 +206,7 @@ mod tests {
         for path in MACHINE_PATHS {
             one("a.md", &format!("See `{path}x`.\n"), path);
             one("a.rs", &format!("//! {path}x\n"), path);
-            assert_eq!(
-                complaints("a.md", &format!("https://example.org{path}x\n")),
-                [""; 0]
-            );
+            assert_eq!(complaints("a.md", &format!("https://example.org{path}x\n")), [""; 0]);
             assert_eq!(complaints("a.md", &format!("docs{path}x\n")), [""; 0]);
         }
     }
