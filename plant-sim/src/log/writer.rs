@@ -1,0 +1,483 @@
+//! Writing logs: CSV row by row, or a whole log as CSV, NPY or MAT v5.
+//!
+//! What is written goes to a file beside the target, which takes the target's name only when all is there. A program
+//! that fails half-way leaves nothing.
+//!
+//! A CSV gives back the same bits: numbers are printed with the fewest digits that identify them, and metres become
+//! micrometres by moving the decimal point in the text, not by a multiplication. NPY and MAT hold micrometres as
+//! binary numbers; there the way there and back rounds twice, which is at most 2.3e-16 of the value.
+
+use std::fmt::Write as _;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use npyz::WriterBuilder as _;
+
+use super::column::Column;
+use super::error::{LogError, Place};
+use super::mat5;
+use super::meta::Meta;
+use super::{Kind, Log};
+
+/// Most digits after the point of a printed time: a picosecond.
+const MAX_TIME_DECIMALS: usize = 12;
+
+/// Writes a CSV log row by row.
+///
+/// Dropped without [`Writer::finish`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct Writer {
+    path: PathBuf,
+    /// `None` once a row has failed.
+    staged: Option<Staged>,
+    columns: Vec<Column>,
+    interval_s: Option<f64>,
+    time_decimals: Option<usize>,
+    n_rows: u64,
+    line: Vec<u8>,
+    scratch: String,
+}
+
+impl Writer {
+    /// Begins a CSV log at `path`, whatever its extension, with its metadata and header.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`], [`LogError::IsDirectory`].
+    pub fn create(path: &Path, meta: &Meta, columns: &[Column]) -> Result<Self, LogError> {
+        Self::with_interval(path, meta, columns, meta.rate_hz.map(f64::recip))
+    }
+
+    fn with_interval(
+        path: &Path,
+        meta: &Meta,
+        columns: &[Column],
+        interval_s: Option<f64>,
+    ) -> Result<Self, LogError> {
+        let mut head = String::new();
+        for (key, value) in meta.entries() {
+            head.push_str(&format!("# {key}: {value}\n"));
+        }
+        let names: Vec<&str> = columns.iter().map(|column| column.file_name()).collect();
+        head.push_str(&names.join(","));
+        head.push('\n');
+        let mut staged = Staged::create(path)?;
+        staged.put(head.as_bytes())?;
+        Ok(Self {
+            path: path.to_path_buf(),
+            staged: Some(staged),
+            columns: columns.to_vec(),
+            interval_s,
+            time_decimals: None,
+            n_rows: 0,
+            line: Vec::new(),
+            scratch: String::new(),
+        })
+    }
+
+    /// Writes one row: values in SI (metres, volts, seconds), in the order of the columns given to
+    /// [`Writer::create`].
+    ///
+    /// # Errors
+    /// [`LogError::NotFinite`] and [`LogError::RowWidth`] for a row that no reader would take,
+    /// [`LogError::Unwritable`]. After any of them the log is given up.
+    pub fn row(&mut self, values: &[f64]) -> Result<(), LogError> {
+        let result = self.try_row(values);
+        if result.is_err() {
+            self.staged = None;
+        }
+        result
+    }
+
+    fn try_row(&mut self, values: &[f64]) -> Result<(), LogError> {
+        if values.len() != self.columns.len() {
+            return Err(LogError::RowWidth {
+                path: self.path.clone(),
+                found: values.len(),
+                expected: self.columns.len(),
+            });
+        }
+        self.line.clear();
+        for (&column, &value) in self.columns.iter().zip(values) {
+            if !value.is_finite() {
+                return Err(LogError::NotFinite {
+                    path: self.path.clone(),
+                    place: Place::Sample(self.n_rows),
+                    column: column.file_name().to_owned(),
+                    value: value.to_string(),
+                });
+            }
+            if !self.line.is_empty() {
+                self.line.push(b',');
+            }
+            match (column, self.interval_s) {
+                (Column::Time, Some(interval_s)) => {
+                    let decimals = *self
+                        .time_decimals
+                        .get_or_insert_with(|| time_decimals(interval_s, value));
+                    // Writing to memory cannot fail.
+                    let _ = write!(self.line, "{value:.decimals$}");
+                }
+                _ => push_shortest(
+                    &mut self.line,
+                    &mut self.scratch,
+                    value,
+                    column.file_exponent(),
+                ),
+            }
+        }
+        self.line.push(b'\n');
+        self.n_rows += 1;
+        match &mut self.staged {
+            Some(staged) => staged.put(&self.line),
+            None => Err(gave_up(&self.path)),
+        }
+    }
+
+    /// Gives the log its name.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`], also if a row failed before.
+    pub fn finish(mut self) -> Result<(), LogError> {
+        match self.staged.take() {
+            Some(staged) => staged.finish(),
+            None => Err(gave_up(&self.path)),
+        }
+    }
+}
+
+fn gave_up(path: &Path) -> LogError {
+    LogError::Unwritable {
+        path: path.to_path_buf(),
+        source: io::Error::other("an earlier row could not be written"),
+    }
+}
+
+/// Writes a whole log; the extension (`.csv`, `.npy`, `.mat`) says how.
+///
+/// The rate is written too if the log does not state one. NPY has no room for metadata: they are lost there.
+///
+/// # Errors
+/// [`LogError::UnknownKind`], [`LogError::NotFinite`], [`LogError::Unwritable`]; [`LogError::Lengths`] if the
+/// columns differ in length.
+pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
+    let columns = log.columns();
+    let n_rows = log.len();
+    if let Some((column, values)) = columns.iter().find(|(_, values)| values.len() != n_rows) {
+        return Err(LogError::Lengths {
+            path: path.to_path_buf(),
+            column: column.file_name().to_owned(),
+            n: values.len(),
+            other: Column::Command.file_name().to_owned(),
+            n_other: n_rows,
+        });
+    }
+    let mut meta = log.meta.clone();
+    meta.rate_hz.get_or_insert(log.dt_s.recip());
+    let names: Vec<Column> = std::iter::once(Column::Time)
+        .chain(columns.iter().map(|(column, _)| *column))
+        .collect();
+    let mut values = Vec::with_capacity(names.len());
+    let fill = |row: usize, values: &mut Vec<f64>| {
+        values.clear();
+        values.push(log.time_s(row));
+        values.extend(columns.iter().map(|(_, column)| column[row]));
+    };
+    let kind = Kind::of_extension(path).ok_or_else(|| LogError::UnknownKind {
+        path: path.to_path_buf(),
+    })?;
+    if kind == Kind::Csv {
+        let mut writer = Writer::with_interval(path, &meta, &names, Some(log.dt_s))?;
+        for row in 0..n_rows {
+            fill(row, &mut values);
+            writer.row(&values)?;
+        }
+        return writer.finish();
+    }
+
+    for row in 0..n_rows {
+        fill(row, &mut values);
+        if let Some(idx) = values.iter().position(|value| !value.is_finite()) {
+            return Err(LogError::NotFinite {
+                path: path.to_path_buf(),
+                place: Place::Sample(row as u64),
+                column: names[idx].file_name().to_owned(),
+                value: values[idx].to_string(),
+            });
+        }
+    }
+    let mut staged = Staged::create(path)?;
+    let in_file = |column: Column, value: f64| value * 10f64.powi(-column.file_exponent());
+    if kind == Kind::Npy {
+        let rows = (0..n_rows).map(|row| {
+            let mut values = Vec::with_capacity(names.len());
+            fill(row, &mut values);
+            for (value, &column) in values.iter_mut().zip(&names) {
+                *value = in_file(column, *value);
+            }
+            NpyRow(values)
+        });
+        let written = write_npy(&mut staged.file, &names, n_rows, rows);
+        written.map_err(|source| staged.unwritable(source))?;
+    } else {
+        staged.put(&mat5::header())?;
+        for (key, value) in meta.entries() {
+            let variable = match value.parse::<f64>() {
+                // A seed is a name that happens to be a number, and may be longer than an f64.
+                Ok(number) if key != "seed" && number.is_finite() => {
+                    mat5::variable(&identifier(&key), &mat5::Out::Real(&[number]))
+                }
+                _ => mat5::variable(&identifier(&key), &mat5::Out::Text(&value)),
+            };
+            staged.put_variable(variable)?;
+        }
+        let time_s: Vec<f64> = (0..n_rows).map(|row| log.time_s(row)).collect();
+        let time = std::iter::once((Column::Time, time_s.as_slice()));
+        for (column, values_si) in time.chain(columns) {
+            let values: Vec<f64> = values_si
+                .iter()
+                .map(|&value| in_file(column, value))
+                .collect();
+            staged.put_variable(mat5::variable(
+                column.file_name(),
+                &mat5::Out::Real(&values),
+            ))?;
+        }
+    }
+    staged.finish()
+}
+
+/// A name that MATLAB takes: letters, digits and underscores, at most 63, a letter first.
+fn identifier(key: &str) -> String {
+    let mut name: String = key
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
+        .collect();
+    if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        name.insert(0, 'x');
+    }
+    name.truncate(63);
+    name
+}
+
+/// Digits after the point for times on a grid: those of the interval and of the first time if they end, else enough
+/// to keep the rounding below 1e-4 of a sample.
+fn time_decimals(interval_s: f64, first_s: f64) -> usize {
+    let ends_at = |value: f64| {
+        (0..=MAX_TIME_DECIMALS).find(|&decimals| {
+            let units = value.abs() * 10f64.powi(decimals as i32);
+            (units - units.round()).abs() <= 1e-9 * units
+        })
+    };
+    let fine = (4.0 - interval_s.log10()).ceil().clamp(0.0, 15.0) as usize;
+    ends_at(interval_s)
+        .unwrap_or(fine)
+        .max(ends_at(first_s).unwrap_or(fine.max(MAX_TIME_DECIMALS)))
+}
+
+/// The shortest text that gives `value` back when read in the unit `10^exponent`.
+pub(crate) fn shortest(value: f64, exponent: i32) -> String {
+    let (mut line, mut scratch) = (Vec::new(), String::new());
+    push_shortest(&mut line, &mut scratch, value, exponent);
+    String::from_utf8_lossy(&line).into_owned()
+}
+
+/// Appends that text. The digits are the standard library's shortest ones; only the point moves.
+fn push_shortest(line: &mut Vec<u8>, scratch: &mut String, value: f64, exponent: i32) {
+    scratch.clear();
+    // Writing to memory cannot fail, and the format below is `d.ddde-n`, with a sign if negative.
+    let _ = write!(scratch, "{value:e}");
+    let (mantissa, printed) = scratch.split_once('e').unwrap_or((scratch, "0"));
+    let mut mantissa = mantissa.as_bytes();
+    if let Some(rest) = mantissa.strip_prefix(b"-") {
+        line.push(b'-');
+        mantissa = rest;
+    }
+    let (head, tail) = match mantissa {
+        [head, b'.', tail @ ..] => (*head, tail),
+        [head, tail @ ..] => (*head, tail),
+        [] => (b'0', [].as_slice()),
+    };
+    if head == b'0' {
+        line.push(b'0');
+        return;
+    }
+    let power = printed.parse::<i32>().unwrap_or(0) - exponent;
+    match power {
+        0..=16 => {
+            let n_integer = power as usize;
+            line.push(head);
+            let (integer, fraction) = tail.split_at(n_integer.min(tail.len()));
+            line.extend_from_slice(integer);
+            line.extend(std::iter::repeat_n(b'0', n_integer - integer.len()));
+            if !fraction.is_empty() {
+                line.push(b'.');
+                line.extend_from_slice(fraction);
+            }
+        }
+        -6..=-1 => {
+            line.extend_from_slice(b"0.");
+            line.extend(std::iter::repeat_n(b'0', (-power - 1) as usize));
+            line.push(head);
+            line.extend_from_slice(tail);
+        }
+        _ => {
+            line.push(head);
+            if !tail.is_empty() {
+                line.push(b'.');
+                line.extend_from_slice(tail);
+            }
+            let _ = write!(line, "e{power}");
+        }
+    }
+}
+
+/// A row of a structured array, all f64.
+struct NpyRow(Vec<f64>);
+
+/// Writes an [`NpyRow`].
+struct NpyRowWriter;
+
+impl npyz::TypeWrite for NpyRowWriter {
+    type Value = NpyRow;
+
+    fn write_one<W: Write>(&self, mut writer: W, row: &NpyRow) -> io::Result<()> {
+        row.0
+            .iter()
+            .try_for_each(|value| writer.write_all(&value.to_le_bytes()))
+    }
+}
+
+impl npyz::Serialize for NpyRow {
+    type TypeWriter = NpyRowWriter;
+
+    fn writer(_: &npyz::DType) -> Result<NpyRowWriter, npyz::DTypeError> {
+        Ok(NpyRowWriter)
+    }
+}
+
+fn write_npy(
+    to: &mut impl Write,
+    columns: &[Column],
+    n_rows: usize,
+    rows: impl Iterator<Item = NpyRow>,
+) -> io::Result<()> {
+    let real: npyz::TypeStr = "<f8".parse().map_err(io::Error::other)?;
+    let fields = columns.iter().map(|column| npyz::Field {
+        name: column.file_name().to_owned(),
+        dtype: npyz::DType::new_scalar(real.clone()),
+    });
+    let mut writer = npyz::WriteOptions::new()
+        .dtype(npyz::DType::Record(fields.collect()))
+        .shape(&[n_rows as u64])
+        .writer(to)
+        .begin_nd()?;
+    writer.extend(rows)?;
+    writer.finish()
+}
+
+/// A file that takes its name when it is complete, and vanishes otherwise.
+#[derive(Debug)]
+struct Staged {
+    path: PathBuf,
+    /// Where the bytes go until then; `None` for a device or a pipe, which cannot be replaced.
+    temporary: Option<PathBuf>,
+    target: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Staged {
+    fn create(path: &Path) -> Result<Self, LogError> {
+        let unwritable = |source| LogError::Unwritable {
+            path: path.to_path_buf(),
+            source,
+        };
+        // Through a link, its target is replaced and not the link.
+        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        match fs::metadata(&target) {
+            Ok(found) if found.is_dir() => {
+                return Err(LogError::IsDirectory {
+                    path: path.to_path_buf(),
+                });
+            }
+            Ok(found) if !found.is_file() => {
+                let file = OpenOptions::new()
+                    .write(true)
+                    .open(&target)
+                    .map_err(unwritable)?;
+                return Ok(Self {
+                    path: path.to_path_buf(),
+                    temporary: None,
+                    target,
+                    file: BufWriter::with_capacity(1 << 16, file),
+                });
+            }
+            // A file that may not be written is not replaced either, although its directory would allow it.
+            Ok(found) if found.permissions().readonly() => {
+                return Err(unwritable(io::ErrorKind::PermissionDenied.into()));
+            }
+            _ => {}
+        }
+        // Unique among the writers of this process and, by its number, among processes.
+        static N_STAGED: AtomicU32 = AtomicU32::new(0);
+        let name = target.file_name().unwrap_or_default().to_string_lossy();
+        let n = N_STAGED.fetch_add(1, Ordering::Relaxed);
+        let temporary =
+            target.with_file_name(format!(".{name}.{}-{n}.partial", std::process::id()));
+        let file = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&temporary)
+            .map_err(unwritable)?;
+        Ok(Self {
+            path: path.to_path_buf(),
+            temporary: Some(temporary),
+            target,
+            file: BufWriter::with_capacity(1 << 16, file),
+        })
+    }
+
+    fn unwritable(&self, source: io::Error) -> LogError {
+        LogError::Unwritable {
+            path: self.path.clone(),
+            source,
+        }
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> Result<(), LogError> {
+        self.file
+            .write_all(bytes)
+            .map_err(|source| self.unwritable(source))
+    }
+
+    fn put_variable(&mut self, variable: Option<Vec<u8>>) -> Result<(), LogError> {
+        let bytes = variable.ok_or_else(|| {
+            self.unwritable(io::Error::new(
+                io::ErrorKind::FileTooLarge,
+                "a MAT v5 variable holds less than 2 GB",
+            ))
+        })?;
+        self.put(&bytes)
+    }
+
+    fn finish(mut self) -> Result<(), LogError> {
+        self.file
+            .flush()
+            .map_err(|source| self.unwritable(source))?;
+        if let Some(temporary) = &self.temporary {
+            fs::rename(temporary, &self.target).map_err(|source| self.unwritable(source))?;
+            self.temporary = None;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Staged {
+    fn drop(&mut self) {
+        if let Some(temporary) = &self.temporary {
+            // Nobody is left to be told if this fails too.
+            let _ = fs::remove_file(temporary);
+        }
+    }
+}
