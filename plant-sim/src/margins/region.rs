@@ -1,0 +1,162 @@
+//! The linear regions of a hysteron plant: one per set of hysterons that are outside their dead zone.
+//!
+//! | letter | meaning | unit |
+//! | --- | --- | --- |
+//! | `q`, `w` | displacement and velocity | m, m/s |
+//! | `v_i = Q_i / C_i` | voltage of hysteron i | V |
+//! | `M`, `k`, `b` | mass, stiffness, damping | kg, N/m, N s/m |
+//! | `alpha` | transduction factor | C/m = N/V |
+//! | `C_i`, `beta_i` | capacitance and slope of the dead-zone admittance | F, S |
+//!
+//! ```text
+//! q'   = w
+//! w'   = (alpha u - alpha sum v_i - k q - b w) / M
+//! v_i' = alpha/C_i w - beta_i/C_i (v_i -+ d_i/2)     active
+//! v_i' = alpha/C_i w                                 inside the dead zone
+//! ```
+//!
+//! The offset `-+ d_i/2` moves the equilibrium and not the dynamics, so the two signs of an active hysteron share one region.
+//! An inactive hysteron integrates exactly, `v_i = alpha/C_i q + const`: it is a spring, and is eliminated as the stiffness
+//! `alpha^2/C_i`. Kept as a state it would give the sampled loop an eigenvalue of exactly 1 that no input moves and that the
+//! controller cannot touch. That is the memory of the hysteresis, not a verdict on the loop.
+
+use nalgebra::{DMatrix, DVector, RowDVector};
+
+use super::MarginError;
+
+/// More hysterons than this would mean more than 65536 regions, which is a mistake in the caller rather than a plant.
+const MAX_HYSTERONS: usize = 16;
+
+/// One linear region in continuous time, from the drive u in volts to the displacement q in metres:
+/// `x' = a x + b u`, `q = c x`. Any state coordinates will do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearRegion {
+    /// What a reader calls this region, such as `hysterons 1, 2 active`.
+    pub label: String,
+    /// State matrix, 1/s.
+    pub a: DMatrix<f64>,
+    /// Input column, per volt and second.
+    pub b: DVector<f64>,
+    /// Output row, metres.
+    pub c: RowDVector<f64>,
+}
+
+/// What the margins need to know of one hysteron; its dead-zone width moves equilibria, not poles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HysteronCoefficients {
+    /// Capacitance C_i.
+    pub capacitance_f: f64,
+    /// Slope beta_i of the admittance outside the dead zone.
+    pub slope_s: f64,
+}
+
+/// What the margins need to know of a port-Hamiltonian hysteron plant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantCoefficients {
+    /// Moving mass M.
+    pub mass_kg: f64,
+    /// Stiffness k.
+    pub stiffness_n_per_m: f64,
+    /// Damping b.
+    pub damping_n_s_per_m: f64,
+    /// Transduction factor alpha.
+    pub alpha_c_per_m: f64,
+    /// The hysterons, in the order in which labels count them from 1.
+    pub hysterons: Vec<HysteronCoefficients>,
+}
+
+impl PlantCoefficients {
+    /// All `2^n` regions: the one with every hysteron active first, the one with none active last.
+    pub fn regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
+        let n_hysterons = self.hysterons.len();
+        if n_hysterons > MAX_HYSTERONS {
+            return Err(MarginError::TooManyHysterons {
+                n_hysterons,
+                limit: MAX_HYSTERONS,
+            });
+        }
+        (0..1_usize << n_hysterons)
+            .rev()
+            .map(|mask| {
+                let active: Vec<bool> = (0..n_hysterons).map(|i| mask >> i & 1 == 1).collect();
+                self.region(&active)
+            })
+            .collect()
+    }
+
+    /// The region with exactly the hysterons marked in `active` outside their dead zone; states `q, w, v` of the active ones.
+    /// Hysterons beyond the end of `active` count as inactive.
+    pub fn region(&self, active: &[bool]) -> Result<LinearRegion, MarginError> {
+        self.check()?;
+        let is_active = |hysteron_idx: &usize| active.get(*hysteron_idx).copied().unwrap_or(false);
+        let (active_idxs, inactive_idxs): (Vec<usize>, Vec<usize>) =
+            (0..self.hysterons.len()).partition(is_active);
+
+        let alpha = self.alpha_c_per_m;
+        let added_stiffness: f64 = inactive_idxs
+            .iter()
+            .map(|&i| alpha * alpha / self.hysterons[i].capacitance_f)
+            .sum();
+        let n_states = 2 + active_idxs.len();
+        let mut a = DMatrix::zeros(n_states, n_states);
+        a[(0, 1)] = 1.0;
+        a[(1, 0)] = -(self.stiffness_n_per_m + added_stiffness) / self.mass_kg;
+        a[(1, 1)] = -self.damping_n_s_per_m / self.mass_kg;
+        for (state_idx, &i) in (2..).zip(&active_idxs) {
+            let HysteronCoefficients {
+                capacitance_f,
+                slope_s,
+            } = self.hysterons[i];
+            a[(1, state_idx)] = -alpha / self.mass_kg;
+            a[(state_idx, 1)] = alpha / capacitance_f;
+            a[(state_idx, state_idx)] = -slope_s / capacitance_f;
+        }
+        let mut b = DVector::zeros(n_states);
+        b[1] = alpha / self.mass_kg;
+        let mut c = RowDVector::zeros(n_states);
+        c[0] = 1.0;
+        Ok(LinearRegion {
+            label: label(&active_idxs),
+            a,
+            b,
+            c,
+        })
+    }
+
+    fn check(&self) -> Result<(), MarginError> {
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        // A plant without damping of its own is legitimate: the hysterons damp it.
+        let not_negative = |value: f64| value.is_finite() && value >= 0.0;
+        let complain = |name, value| Err(MarginError::BadCoefficient { name, value });
+        if !positive(self.mass_kg) {
+            return complain("mass_kg", self.mass_kg);
+        }
+        if !positive(self.stiffness_n_per_m) {
+            return complain("stiffness_n_per_m", self.stiffness_n_per_m);
+        }
+        if !not_negative(self.damping_n_s_per_m) {
+            return complain("damping_n_s_per_m", self.damping_n_s_per_m);
+        }
+        if !positive(self.alpha_c_per_m) {
+            return complain("alpha_c_per_m", self.alpha_c_per_m);
+        }
+        for hysteron in &self.hysterons {
+            if !positive(hysteron.capacitance_f) {
+                return complain("capacitance_f", hysteron.capacitance_f);
+            }
+            if !positive(hysteron.slope_s) {
+                return complain("slope_s", hysteron.slope_s);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn label(active_idxs: &[usize]) -> String {
+    let numbers: Vec<String> = active_idxs.iter().map(|i| (i + 1).to_string()).collect();
+    match numbers.len() {
+        0 => "no hysteron active".to_string(),
+        1 => format!("hysteron {} active", numbers[0]),
+        _ => format!("hysterons {} active", numbers.join(", ")),
+    }
+}
