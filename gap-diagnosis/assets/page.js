@@ -18,7 +18,7 @@
     if (value === 0) return "0";
     const [mantissa, exponent] = value.toExponential(3).split("e");
     const e = Number(exponent);
-    return withMinus(e >= -4 && e < 6 ? value.toFixed(Math.max(0, 3 - e)) : `${mantissa}×10${superscript(e)}`);
+    return withMinus(e >= -4 && e < 5 ? value.toFixed(Math.max(0, 3 - e)) : `${mantissa}×10${superscript(e)}`);
   }
   const withUnit = (value, unit) => (value == null ? "–" : fourDigits(value) + (unit ? ` ${unit}` : ""));
 
@@ -35,14 +35,31 @@
       return withMinus((v / scale).toFixed(digits)) + (power ? `×10${superscript(power)}` : "");
     });
   }
-  // A logarithmic axis has plain numbers between 0.01 and 1000 and powers of ten elsewhere; uPlot has already blanked crowded ones.
-  const logLabels = splits => splits.map(v => {
-    if (v == null) return "";
-    const e = Math.floor(Math.log10(v) + 1e-9);
-    if (e >= -2 && e < 4) return String(Number(v.toPrecision(3)));
-    const mantissa = Math.round(v / 10 ** e);
-    return (mantissa === 1 ? "" : `${mantissa}×`) + `10${superscript(e)}`;
-  });
+  // A logarithmic axis has a line at every digit of every decade (at the decades only if there are many), and numbers at the decades,
+  // at 2 and 5 as well if there are few. uPlot's own would begin at the edge of the window, at 1.25 or 2.25.
+  function logSplits(u, axisIdx, min, max) {
+    const [first, last] = [Math.floor(Math.log10(min)), Math.ceil(Math.log10(max))];
+    const digits = last - first > 8 ? [1] : [1, 2, 3, 4, 5, 6, 7, 8, 9];
+    const splits = [];
+    for (let e = first; e <= last; e++) for (const digit of digits) {
+      const v = Number(`${digit}e${e}`);
+      if (v >= min && v <= max) splits.push(v);
+    }
+    return splits;
+  }
+  function logLabels(splits) {
+    const decades = splits.length ? Math.log10(splits[splits.length - 1] / splits[0]) : 0;
+    const shown = decades < 0.7 ? "123456789" : decades < 2 ? "125" : "1";
+    // Beyond a dozen decades every other number would run into the next.
+    const every = Math.max(1, Math.round(decades / 8));
+    return splits.map(v => {
+      const [digit, exponent] = v.toExponential(0).split("e");
+      const e = Number(exponent);
+      if (!shown.includes(digit) || e % every !== 0) return "";
+      if (e >= -2 && e < 4) return String(Number(v.toPrecision(1)));
+      return (digit === "1" ? "" : `${digit}×`) + `10${superscript(e)}`;
+    });
+  }
 
   // ---- ranges --------------------------------------------------------------------------------------------------------
   // Room around the data; a constant gets a window around itself and nothing at all gets 0 to 1, so that axes are always sane.
@@ -121,10 +138,12 @@
     const yExtent = extent(yColumns);
     const isEmpty = yExtent[0] == null;
     let home = { x: extent(xColumns), y: padded(...yExtent, drawing.y.log) };
-    if (drawing.mark === "lines" && home.x[0] != null && home.x[0] < home.x[1]) home.x = home.x.slice();
-    else if (drawing.mark === "bars" && home.x[0] != null) home.x = [0, home.x[1] * (1 + 0.6 / Math.max(1, data[0].length))];
-    else home.x = padded(...home.x, drawing.x.log);
-    if (drawing.mark === "points" && home.x[0] != null && data[0].length) home.x = [data[0][0] - 0.6, data[0][data[0].length - 1] + 0.6];
+    const [first, last] = home.x;
+    if (first == null || first === last || isPaths) home.x = padded(first, last, drawing.x.log);
+    else if (drawing.mark !== "lines" && !drawing.x.log) {
+      const half = 0.6 * (last - first) / (data[0].length - 1);
+      home.x = [first - half, last + half];
+    }
     if (drawing.band != null) home.y = padded(Math.min(-1.6 * drawing.band, yExtent[0] ?? 0), Math.max(1.6 * drawing.band, yExtent[1] ?? 0), false);
 
     const isSmall = () => box.clientWidth < SMALL_PX;
@@ -132,13 +151,16 @@
     const axis = (which, size, space) => ({
       scale: which, stroke: ink("soft"), font: font(), size, space,
       grid: { stroke: ink("grid"), width: 1 }, ticks: { stroke: ink("line"), width: 1, size: 6 }, gap: 4,
-      values: (u, splits, axisIdx, room, step) => (drawing[which].log ? logLabels(splits) : linearLabels(splits, step)),
+      ...(drawing[which].log
+        ? { splits: logSplits, filter: (u, splits) => splits, values: (u, splits) => logLabels(splits) }
+        : { values: (u, splits, axisIdx, room, step) => linearLabels(splits, step) }),
     });
     const scale = which => ({
       time: false, distr: drawing[which].log ? 3 : 1,
       range: (u, low, high) => {
         if (isPaths) return home[which];
-        if (which === "x") return low == null || low >= high ? home.x : [low, high];
+        // uPlot proposes the first and last x when it shows all; marks need half a step more on either side.
+        if (which === "x") return low == null || low >= high || (low === data[0][0] && high === data[0][data[0].length - 1]) ? home.x : [low, high];
         // Between two samples there is nothing to range over: keep what was shown.
         if (low == null) return u.scales.y.min == null ? home.y : [u.scales.y.min, u.scales.y.max];
         if (drawing.band != null) { low = Math.min(low, -1.6 * drawing.band); high = Math.max(high, 1.6 * drawing.band); }
@@ -182,9 +204,9 @@
 
     const chart = { figure, box, drawing, home, isPaths, keys: [...figure.querySelectorAll(".legend output")], spoken: figure.querySelector(".spoken") };
     const options = {
-      mode: isPaths ? 2 : 1, width: box.clientWidth, height: box.clientHeight, pxAlign: 0, legend: { show: false },
+      mode: isPaths ? 2 : 1, width: box.clientWidth, height: box.clientHeight, pxAlign: drawing.mark === "bars" ? 1 : 0, legend: { show: false },
       padding: [10, 16, 0, 0], scales: { x: scale("x"), y: scale("y") }, series,
-      axes: [axis("x", 34, isSmall() ? 70 : 90), axis("y", isSmall() ? 62 : 78, 38)],
+      axes: [axis("x", 30, isSmall() ? 70 : 90), axis("y", isSmall() ? 62 : 78, 38)],
       cursor: {
         drag: { x: true, y: isPaths, uni: isPaths ? 24 : undefined, dist: 5 },
         dataIdx: isPaths ? nearestOnPath : undefined,

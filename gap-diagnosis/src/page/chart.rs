@@ -4,7 +4,7 @@
 
 use serde::Serialize;
 
-use super::number::{four_digits, rounded};
+use super::number::{count, four_digits, rounded};
 use super::thin::{Spacing, decimate, thin_path};
 
 /// Rows (or path entries) a chart keeps at most: three per screen pixel of a wide window.
@@ -454,14 +454,15 @@ impl Chart {
         if let Some(band) = self.band {
             keys += &format!(
                 "<span class=\"key\"><i class=\"swatch band\"></i>99 % region, ±{}</span>",
-                four_digits(band, &self.y.unit)
+                escape(&four_digits(band, &self.y.unit))
             );
         }
         let n_drawn = self.content.n_points();
         let note = if n_drawn < self.n_samples {
             format!(
                 " <span class=\"note\">{} samples, {} drawn; every peak is kept.</span>",
-                self.n_samples, n_drawn
+                count(self.n_samples),
+                count(n_drawn)
             )
         } else {
             String::new()

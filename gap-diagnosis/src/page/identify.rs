@@ -1,5 +1,6 @@
 //! The page of `identify`: is the fit good on every log, what are the parameters, which of them did the data not see.
 
+use super::number::{count, percent_of_sigma};
 use super::replay::{autocorrelation, overlay_and_residual};
 use super::{Axis, Chart, Ink, Loop, Page, Series, four_digits};
 
@@ -89,7 +90,7 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
     page.section("Parameters");
     let rows: Vec<Vec<String>> = view.parameters.iter().map(parameter_row).collect();
     page.table(
-        "Fitted values; sigma is one standard deviation, the last but one column counts prior standard deviations",
+        "Fitted values; sigma is one standard deviation, 'from prior' is how far the fit moved, in prior standard deviations",
         &["parameter", "value", "sigma", "prior", "from prior", "remark"],
         &rows,
     );
@@ -101,7 +102,7 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
         .map(|log| {
             vec![
                 log.name.to_owned(),
-                log.n_residuals.to_string(),
+                count(log.n_residuals),
                 four_digits(log.rms_um, "µm"),
                 four_digits(log.fit_percent, "%"),
             ]
@@ -174,7 +175,7 @@ fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
     };
     let percent = |sigma: Option<f64>| {
         sigma.map_or("–".to_owned(), |sigma| {
-            format!("± {}", four_digits(100.0 * sigma, "%"))
+            format!("± {}", percent_of_sigma(sigma))
         })
     };
     vec![
@@ -182,11 +183,7 @@ fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
         four_digits(parameter.value, parameter.unit),
         percent(parameter.sigma.filter(|_| parameter.unseen.is_none())),
         parameter.prior.map_or("–".to_owned(), |(value, sigma)| {
-            format!(
-                "{} ± {}",
-                four_digits(value, ""),
-                four_digits(100.0 * sigma, "%")
-            )
+            format!("{} ± {}", four_digits(value, ""), percent_of_sigma(sigma))
         }),
         from_prior,
         remark,

@@ -121,9 +121,9 @@ impl Page {
         self.html(format!("<dl class=\"facts\">{cards}</dl>\n"))
     }
 
-    /// A table; cells that begin with a digit or a sign are set flush right.
+    /// A table; columns of numbers are set flush right.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<String>]) -> &mut Self {
-        // A column is set right when its first cell with a number or a dash says so, header included.
+        // Column by column, header included; dashes stand for missing numbers and have no say.
         let is_right = |column_idx: usize| {
             let mut cells = rows
                 .iter()
