@@ -1,0 +1,349 @@
+//! Whole pages: they fetch nothing, escape what they are given, carry their data and stay small.
+
+use gap_diagnosis::page::{
+    Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series,
+    Share, SimulationView, StartView, identify_page, replay_page, simulation_page,
+};
+
+const HOSTILE: &str = "</script><script>document.documentElement.dataset.hacked=1</script><img src=x onerror=alert(1)> \"quoted\" 'single' & \u{2028}";
+
+fn wave(n: usize) -> (Vec<f64>, Vec<f64>) {
+    let time_s: Vec<f64> = (0..n).map(|k| k as f64 * 1e-4).collect();
+    let wave = time_s.iter().map(|t| 40.0 * (9.0 * t).sin()).collect();
+    (time_s, wave)
+}
+
+/// Every JSON block of the page, parsed.
+fn drawings(html: &str) -> Vec<serde_json::Value> {
+    html.split("<script type=\"application/json\">")
+        .skip(1)
+        .map(|rest| rest.split("</script>").next().unwrap_or_default())
+        .map(|json| serde_json::from_str(json).expect("chart data are JSON"))
+        .collect()
+}
+
+/// Nothing on the page may name another place: only uPlot's own banner has an address, in a comment.
+fn assert_fetches_nothing(html: &str) {
+    let banner = "/*! https://github.com/leeoniya/uPlot (v1.6.32) */";
+    assert_eq!(html.matches(banner).count(), 1);
+    let rest = html.replace(banner, "");
+    for scheme in [
+        "http://",
+        "https://",
+        "@import",
+        "url(",
+        "<iframe",
+        "<object",
+        "XMLHttpRequest",
+        "fetch(",
+        "WebSocket",
+    ] {
+        assert!(!rest.contains(scheme), "{scheme}");
+    }
+    assert!(html.contains("default-src 'none'"));
+    assert!(html.contains("<noscript>"));
+}
+
+#[test]
+fn hostile_names_stay_text_everywhere() {
+    let (time_s, values) = wave(50);
+    let series = Series {
+        name: HOSTILE,
+        ink: Ink::Model,
+        values: &values,
+    };
+    let run = Loop {
+        name: HOSTILE,
+        ink: Ink::Model,
+        x: &values,
+        y: &values,
+    };
+    let axis = || Axis::new(HOSTILE, HOSTILE);
+    let mut page = Page::new(HOSTILE);
+    page.subtitle(HOSTILE)
+        .headline(HOSTILE)
+        .warning(HOSTILE)
+        .section(HOSTILE)
+        .paragraph(HOSTILE)
+        .facts(&[(HOSTILE.to_owned(), HOSTILE.to_owned())])
+        .table(
+            HOSTILE,
+            &[HOSTILE, HOSTILE],
+            &[vec![HOSTILE.to_owned(), HOSTILE.to_owned()]],
+        )
+        .bar(
+            HOSTILE,
+            HOSTILE,
+            &[Share {
+                label: HOSTILE,
+                value: 1.0,
+                ink: Ink::Error,
+            }],
+        )
+        .chart(Chart::over_time(HOSTILE, HOSTILE, &time_s, axis(), &[series]).linked(HOSTILE))
+        .chart(Chart::loops(HOSTILE, HOSTILE, axis(), axis(), &[run]))
+        .chart(Chart::bars_with_band(
+            HOSTILE,
+            HOSTILE,
+            axis(),
+            axis(),
+            &time_s,
+            series,
+            0.1,
+        ))
+        .provenance(&[HOSTILE.to_owned()]);
+    let html = page.to_html();
+
+    assert_fetches_nothing(&html);
+    assert!(!html.contains("<img"));
+    assert!(
+        !html.contains("<script>"),
+        "every script is either data or bears the nonce"
+    );
+    // Three data blocks, uPlot, page.js.
+    assert_eq!(html.matches("<script").count(), 5);
+    assert_eq!(html.matches("</script").count(), 5);
+    for drawing in drawings(&html) {
+        assert_eq!(drawing["series"][0]["name"], HOSTILE);
+    }
+}
+
+#[test]
+fn simulation_page_closed_and_open_loop() {
+    let (time_s, values) = wave(3000);
+    let mut view = SimulationView {
+        title: "simulation",
+        subtitle: "",
+        headline: "It follows.",
+        time_s: &time_s,
+        reference_um: Some(&values),
+        displacement_um: &values,
+        command_v: &values,
+        error_um: None,
+        metrics: &[("rise".to_owned(), "43.94 ms".to_owned())],
+        warnings: &["limited".to_owned()],
+        provenance: &["hysteron simulate --seed 7".to_owned()],
+    };
+    let closed = simulation_page(&view).to_html();
+    assert_fetches_nothing(&closed);
+    for text in [
+        "It follows.",
+        "43.94 ms",
+        "limited",
+        "hysteron simulate --seed 7",
+        "displacement, µm",
+        "command, V",
+        "time, s",
+    ] {
+        assert!(closed.contains(text), "{text}");
+    }
+    let closed = drawings(&closed);
+    assert_eq!(closed.len(), 5);
+    // Time charts, and only they, zoom together.
+    assert_eq!(
+        closed
+            .iter()
+            .filter(|drawing| drawing["link"] == "time")
+            .count(),
+        3
+    );
+    assert_eq!(closed[0]["data"][0].as_array().map(Vec::len), Some(3000));
+    assert_eq!(
+        closed[0]["data"][1][1234].as_f64().map(|v| v as f32),
+        Some(values[1234] as f32)
+    );
+    // Reference minus itself.
+    assert!(
+        closed[1]["data"][1]
+            .as_array()
+            .expect("a column")
+            .iter()
+            .all(|v| v == 0.0)
+    );
+
+    view.reference_um = None;
+    assert_eq!(drawings(&simulation_page(&view).to_html()).len(), 3);
+}
+
+#[test]
+fn missing_samples_are_null_and_bounds_are_right() {
+    let (time_s, mut values) = wave(10_000);
+    let predicted = values.clone();
+    values[200] = f64::NAN;
+    values[300] = f64::INFINITY;
+    let correlation = [1.0, 0.5, 0.01];
+    let html = replay_page(&ReplayView {
+        title: "replay",
+        subtitle: "",
+        headline: "",
+        time_s: &time_s,
+        command_v: &predicted,
+        measured_um: &values,
+        predicted_um: &predicted,
+        autocorrelation: &correlation,
+        n_residuals: 10_000,
+        spectrum: None,
+        metrics: &[],
+        warnings: &[],
+        provenance: &[],
+    })
+    .to_html();
+    let drawings = drawings(&html);
+    assert_eq!(drawings.len(), 4);
+    assert!(
+        drawings[0]["data"][1]
+            .as_array()
+            .expect("measured")
+            .iter()
+            .any(serde_json::Value::is_null)
+    );
+    assert!(
+        drawings[0]["data"][2]
+            .as_array()
+            .expect("predicted")
+            .iter()
+            .all(serde_json::Value::is_number)
+    );
+    // 2.58/sqrt(10000); the unit lag is one sample of 0.1 ms.
+    assert_eq!(drawings[3]["band"], 0.0258);
+    assert_eq!(drawings[3]["data"][0], serde_json::json!([0.1, 0.2]));
+    assert_eq!(drawings[3]["data"][1], serde_json::json!([0.5, 0.01]));
+}
+
+#[test]
+fn empty_input_still_gives_a_page() {
+    let html = replay_page(&ReplayView {
+        title: "nothing",
+        subtitle: "",
+        headline: "",
+        time_s: &[],
+        command_v: &[],
+        measured_um: &[],
+        predicted_um: &[],
+        autocorrelation: &[],
+        n_residuals: 0,
+        spectrum: None,
+        metrics: &[],
+        warnings: &[],
+        provenance: &[],
+    })
+    .to_html();
+    assert_eq!(drawings(&html).len(), 3);
+}
+
+#[test]
+fn long_runs_and_many_logs_stay_below_a_megabyte_and_a_half() {
+    let n = 3_000_000;
+    let (time_s, mut values) = wave(n);
+    // Noise, so that neither the envelope nor the loop is cheap.
+    for (k, value) in values.iter_mut().enumerate() {
+        *value += (k as f64 * 0.618_034).fract();
+    }
+    values[1_999_999] = 777.0;
+    let command: Vec<f64> = values.iter().map(|value| 0.7 * value + 1.0).collect();
+    let log = |name| FittedLog {
+        name,
+        time_s: &time_s,
+        command_v: &command,
+        measured_um: &values,
+        predicted_um: &command,
+        autocorrelation: &[1.0, 0.1, 0.0],
+        n_residuals: n,
+        rms_um: 0.1,
+        fit_percent: 99.0,
+    };
+    let html = identify_page(&IdentifyView {
+        title: "many logs",
+        subtitle: "",
+        headline: "",
+        logs: &["a", "b", "c", "d", "e"].map(log),
+        parameters: &[FittedParameter {
+            name: "k0",
+            unit: "N/m",
+            value: 1.0,
+            sigma: None,
+            prior: None,
+            unseen: Some("no excitation"),
+        }],
+        starts: &[StartView {
+            initial_rms_um: 2.0,
+            final_rms_um: 0.1,
+        }],
+        metrics: &[],
+        warnings: &[],
+        provenance: &[],
+    })
+    .to_html();
+    assert!(html.len() < 1_500_000, "{}", html.len());
+    assert!(html.contains("not seen, kept at its prior: no excitation"));
+    let drawings = drawings(&html);
+    assert_eq!(drawings.len(), 1 + 5 * 4);
+    for overlay in drawings.iter().filter(|drawing| {
+        drawing["series"]
+            .as_array()
+            .is_some_and(|series| series.len() == 2)
+            && drawing["mark"] == "lines"
+    }) {
+        let measured = overlay["data"][1].as_array().expect("measured");
+        assert!(measured.len() >= 400, "{}", measured.len());
+        assert!(
+            measured.iter().any(|value| value == 777.0),
+            "the single peak is drawn on every page"
+        );
+    }
+}
+
+#[test]
+fn a_page_replaces_its_file_whole_or_not_at_all() {
+    let directory = std::env::temp_dir().join(format!("hysteron-page-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).expect("temporary directory");
+    let path = directory.join("page.html");
+    Page::new("first").save(&path).expect("written");
+    Page::new("second").save(&path).expect("written again");
+    assert!(
+        std::fs::read_to_string(&path)
+            .expect("read")
+            .contains("<h1>second</h1>")
+    );
+    assert_eq!(
+        std::fs::read_dir(&directory).expect("listed").count(),
+        1,
+        "no partial file is left"
+    );
+
+    let missing = directory.join("no such directory").join("page.html");
+    assert_eq!(
+        Page::new("x")
+            .save(&missing)
+            .expect_err("no directory")
+            .kind(),
+        std::io::ErrorKind::NotFound
+    );
+    // A directory in the way: the rename fails, and what was written beside it goes away again.
+    std::fs::create_dir_all(directory.join("taken").join("inside")).expect("created");
+    assert!(Page::new("x").save(&directory.join("taken")).is_err());
+    assert_eq!(std::fs::read_dir(&directory).expect("listed").count(), 2);
+    std::fs::remove_dir_all(&directory).expect("removed");
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let (time_s, values) = wave(20_000);
+    let page = || {
+        let series = [Series {
+            name: "y",
+            ink: Ink::Model,
+            values: &values,
+        }];
+        let mut page = Page::new("same");
+        page.chart(Chart::over_time(
+            "y",
+            "",
+            &time_s,
+            Axis::new("y", "µm"),
+            &series,
+        ));
+        page.to_html()
+    };
+    assert_eq!(page(), page());
+}
