@@ -10,7 +10,7 @@ use super::thin::{Spacing, decimate, thin_path};
 /// Rows (or path entries) a chart keeps at most: three per screen pixel of a wide window.
 const N_POINTS: usize = 4000;
 /// A loop needs more: it is drawn in the plane, not along a line.
-const N_PATH_POINTS: usize = 9000;
+const N_PATH_POINTS: usize = 16_000;
 
 /// An axis: what it shows and in which unit (empty for a pure number).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
