@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::number::{count, four_digits, rounded};
 use super::thin::{Spacing, decimate, thin_path};
 
-/// Rows (or path entries) a chart keeps at most: three per screen pixel of a wide window.
-const N_POINTS: usize = 4000;
+/// Rows (or path entries) a chart keeps at most: five per screen pixel of a wide window, since linked charts share their rows.
+const N_POINTS: usize = 6000;
 /// A loop needs more: it is drawn in the plane, not along a line.
 const N_PATH_POINTS: usize = 16_000;
 
@@ -105,6 +105,19 @@ pub struct Loop<'a> {
     pub y: &'a [f64],
 }
 
+/// One of several charts over the same time, see [`Chart::linked_over_time`].
+#[derive(Debug, Clone)]
+pub struct Panel<'a> {
+    /// Heading.
+    pub title: &'a str,
+    /// What to look for.
+    pub caption: &'a str,
+    /// Vertical axis.
+    pub y: Axis,
+    /// One value per time.
+    pub series: Vec<Series<'a>>,
+}
+
 /// A chart, ready for [`Page::chart`](super::Page::chart).
 #[derive(Debug, Clone)]
 pub struct Chart {
@@ -193,6 +206,50 @@ impl Chart {
         );
         chart.is_wide = true;
         chart
+    }
+
+    /// Charts over one time axis that zoom together, the first taller than the others.
+    ///
+    /// They keep the same rows, so that at one cursor a residual reads as the difference of the two curves above it.
+    pub fn linked_over_time(key: &str, time_s: &[f64], panels: &[Panel<'_>]) -> Vec<Self> {
+        let columns: Vec<&[f64]> = panels
+            .iter()
+            .flat_map(|panel| panel.series.iter().map(|series| series.values))
+            .collect();
+        let rows = if columns.is_empty() {
+            Vec::new()
+        } else {
+            decimate(&columns, N_POINTS, Spacing::Even)
+        };
+        let pick = |column: &[f64]| -> Vec<f64> { rows.iter().map(|&row| column[row]).collect() };
+        let time_kept_s = pick(time_s);
+        panels
+            .iter()
+            .enumerate()
+            .map(|(panel_idx, panel)| {
+                let kept: Vec<Vec<f64>> = panel
+                    .series
+                    .iter()
+                    .map(|series| pick(series.values))
+                    .collect();
+                let series: Vec<Series<'_>> = panel
+                    .series
+                    .iter()
+                    .zip(&kept)
+                    .map(|(series, values)| Series { values, ..*series })
+                    .collect();
+                let mut chart = Self::over_time(
+                    panel.title,
+                    panel.caption,
+                    &time_kept_s,
+                    panel.y.clone(),
+                    &series,
+                );
+                chart.n_samples = time_s.len();
+                chart.is_low = panel_idx > 0;
+                chart.linked(key)
+            })
+            .collect()
     }
 
     /// Paths in the plane: hysteresis loops, displacement over reference.

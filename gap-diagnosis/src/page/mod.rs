@@ -18,7 +18,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 use std::path::Path;
 
-pub use chart::{Axis, Chart, Ink, Loop, Series};
+pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
 pub use identify::{FittedLog, FittedParameter, IdentifyView, StartView, identify_page};
 pub use number::four_digits;
 pub use replay::{ReplayView, SpectrumView, replay_page};
@@ -215,6 +215,14 @@ impl Page {
         self
     }
 
+    /// Several plots.
+    pub fn charts(&mut self, charts: Vec<Chart>) -> &mut Self {
+        for chart in charts {
+            self.chart(chart);
+        }
+        self
+    }
+
     /// How this page came about, at its foot: command line, seed, versions.
     pub fn provenance(&mut self, lines: &[String]) -> &mut Self {
         self.provenance.extend_from_slice(lines);
@@ -344,7 +352,7 @@ impl Page {
                     Block::Html(_) => None,
                 })
                 .collect();
-            // 4000 / 16 = 250 points are the least that still looks like a curve; a page that large has some 200 charts.
+            // 6000 / 16 = 375 points are the least that still looks like a curve; a page that large has some 200 charts.
             if divisor >= 16 || data.iter().map(String::len).sum::<usize>() <= DATA_BUDGET_BYTES {
                 return data;
             }
