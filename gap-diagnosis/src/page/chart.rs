@@ -422,11 +422,11 @@ impl Chart {
             .collect();
         let x_drawn: Vec<f64> = rows.iter().map(|&row| x_values[row]).collect();
         let content = thinned_columns(&x_drawn, &curves, mark, spacing, N_POINTS);
-        Self::new(title, caption, x, y, content, x_values.len())
+        Self::new(title, caption, x, y, content, rows.len())
     }
 
-    /// The data for the script, with `1/divisor` of the points: a page with many charts draws each a little coarser.
-    pub(super) fn json(&self, divisor: usize) -> String {
+    /// The data for the script and the number of samples in them, with `1/divisor` of the points: a page with many charts draws each a little coarser.
+    pub(super) fn json(&self, divisor: usize) -> (String, usize) {
         let (mark, data, curves): (Mark, Vec<Vec<f64>>, Vec<&Curve>);
         let coarser;
         let content = if divisor > 1 {
@@ -474,11 +474,17 @@ impl Chart {
             data,
         };
         // serde_json writes NaN as null, which is what the script takes for a gap.
-        serde_json::to_string(&drawing).expect("numbers and strings always serialise")
+        let json = serde_json::to_string(&drawing).expect("numbers and strings always serialise");
+        (json, content.n_drawn())
     }
 
     /// The figure; `json` goes into it as data. `escape` is the page's.
-    pub(super) fn html(&self, chart_idx: usize, json: &str, escape: fn(&str) -> String) -> String {
+    pub(super) fn html(
+        &self,
+        chart_idx: usize,
+        (json, n_drawn): &(String, usize),
+        escape: fn(&str) -> String,
+    ) -> String {
         let mut classes = String::from("chart");
         if self.is_wide {
             classes += " wide";
@@ -502,9 +508,18 @@ impl Chart {
         );
         for (series_idx, (name, ink)) in names.iter().enumerate() {
             keys += &format!(
-                "<span class=\"key\"><button type=\"button\" aria-pressed=\"true\" data-series=\"{}\" title=\"show or hide\"><i class=\"swatch {}\"></i>{}</button> <output></output></span>",
+                "<span class=\"key\"><button type=\"button\" aria-pressed=\"true\" data-series=\"{}\" title=\"show or hide\"><i class=\"swatch {}{}\"></i>{}</button> <output></output></span>",
                 series_idx + 1,
                 ink.class(),
+                match &self.content {
+                    Content::Columns {
+                        mark: Mark::Points, ..
+                    } if series_idx == 0 => " dot full",
+                    Content::Columns {
+                        mark: Mark::Points, ..
+                    } => " dot",
+                    _ => "",
+                },
                 escape(name)
             );
         }
@@ -514,12 +529,11 @@ impl Chart {
                 escape(&four_digits(band, &self.y.unit))
             );
         }
-        let n_drawn = self.content.n_points();
-        let note = if n_drawn < self.n_samples {
+        let note = if *n_drawn < self.n_samples {
             format!(
                 " <span class=\"note\">{} samples, {} drawn; every peak is kept.</span>",
                 count(self.n_samples),
-                count(n_drawn)
+                count(*n_drawn)
             )
         } else {
             String::new()
@@ -544,10 +558,15 @@ impl Chart {
 }
 
 impl Content {
-    fn n_points(&self) -> usize {
+    /// Samples of the fullest curve; where the pen lifts is not one.
+    fn n_drawn(&self) -> usize {
         match self {
             Self::Columns { x, .. } => x.len(),
-            Self::Paths(paths) => paths.iter().map(|(x, _)| x.len()).max().unwrap_or(0),
+            Self::Paths(paths) => paths
+                .iter()
+                .map(|(x, _)| x.iter().filter(|value| value.is_finite()).count())
+                .max()
+                .unwrap_or(0),
         }
     }
 

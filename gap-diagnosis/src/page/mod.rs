@@ -165,7 +165,7 @@ impl Page {
             })
             .collect();
         self.html(format!(
-            "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\
+            "<p class=\"caption\">{caption}</p>\n<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table>\
              <thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>\n",
             caption = escape(caption)
         ))
@@ -254,7 +254,7 @@ impl Page {
                 Block::Html(html) => body += html,
                 Block::Chart(chart) => {
                     chart_idx += 1;
-                    body += &chart.html(chart_idx, data.next().map_or("null", |json| json), escape);
+                    body += &chart.html(chart_idx, data.next().expect("one per chart"), escape);
                 }
             }
         }
@@ -340,20 +340,26 @@ impl Page {
         self
     }
 
-    /// JSON of every chart, all coarser alike if together they were too large.
-    fn chart_data(&self) -> Vec<String> {
+    /// JSON and number of drawn samples of every chart, all coarser alike if together they were too large.
+    fn chart_data(&self) -> Vec<(String, usize)> {
+        let charts: Vec<&Chart> = self
+            .blocks
+            .iter()
+            .filter_map(|block| match block {
+                Block::Chart(chart) => Some(chart.as_ref()),
+                Block::Html(_) => None,
+            })
+            .collect();
         let mut divisor = 1;
         loop {
-            let data: Vec<String> = self
-                .blocks
+            let data: Vec<(String, usize)> = charts
                 .iter()
-                .filter_map(|block| match block {
-                    Block::Chart(chart) => Some(escape_json(&chart.json(divisor))),
-                    Block::Html(_) => None,
-                })
+                .map(|chart| chart.json(divisor))
+                .map(|(json, n_drawn)| (escape_json(&json), n_drawn))
                 .collect();
-            // 6000 / 16 = 375 points are the least that still looks like a curve; a page that large has some 200 charts.
-            if divisor >= 16 || data.iter().map(String::len).sum::<usize>() <= DATA_BUDGET_BYTES {
+            let n_bytes: usize = data.iter().map(|(json, _)| json.len()).sum();
+            // 6000 / 16 = 375 points are the least that still looks like a curve; a page beyond that has a hundred charts and may be larger.
+            if divisor >= 16 || n_bytes <= DATA_BUDGET_BYTES {
                 return data;
             }
             divisor *= 2;
