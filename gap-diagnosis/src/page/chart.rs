@@ -478,15 +478,20 @@ impl Chart {
         (json, content.n_drawn())
     }
 
+    pub(super) fn is_wide(&self) -> bool {
+        self.is_wide
+    }
+
     /// The figure; `json` goes into it as data. `escape` is the page's.
     pub(super) fn html(
         &self,
         chart_idx: usize,
+        is_wide: bool,
         (json, n_drawn): &(String, usize),
         escape: fn(&str) -> String,
     ) -> String {
         let mut classes = String::from("chart");
-        if self.is_wide {
+        if is_wide {
             classes += " wide";
         }
         if self.is_low {

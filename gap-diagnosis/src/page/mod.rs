@@ -236,8 +236,9 @@ impl Page {
             .iter()
             .any(|block| matches!(block, Block::Chart(_)));
         let data = self.chart_data();
+        let is_wide = self.widths();
         let mut body = String::new();
-        let mut data = data.iter();
+        let mut data = data.iter().zip(&is_wide);
         let mut chart_idx = 0;
         let mut grid_open = false;
         for block in &self.blocks {
@@ -254,7 +255,8 @@ impl Page {
                 Block::Html(html) => body += html,
                 Block::Chart(chart) => {
                     chart_idx += 1;
-                    body += &chart.html(chart_idx, data.next().expect("one per chart"), escape);
+                    let (data, &is_wide) = data.next().expect("one per chart");
+                    body += &chart.html(chart_idx, is_wide, data, escape);
                 }
             }
         }
@@ -338,6 +340,35 @@ impl Page {
     fn html(&mut self, html: String) -> &mut Self {
         self.blocks.push(Block::Html(html));
         self
+    }
+
+    /// Whether each chart takes the whole width: those that ask for it, and the one that would be left without a neighbour.
+    fn widths(&self) -> Vec<bool> {
+        let mut is_wide: Vec<bool> = Vec::new();
+        let mut has_neighbour = true;
+        for block in &self.blocks {
+            match block {
+                Block::Chart(chart) if !chart.is_wide() => {
+                    is_wide.push(false);
+                    has_neighbour = !has_neighbour;
+                    continue;
+                }
+                _ if !has_neighbour => {
+                    if let Some(last) = is_wide.last_mut() {
+                        *last = true;
+                    }
+                    has_neighbour = true;
+                }
+                _ => {}
+            }
+            if matches!(block, Block::Chart(_)) {
+                is_wide.push(true);
+            }
+        }
+        if !has_neighbour && let Some(last) = is_wide.last_mut() {
+            *last = true;
+        }
+        is_wide
     }
 
     /// JSON and number of drawn samples of every chart, all coarser alike if together they were too large.
@@ -440,6 +471,25 @@ mod tests {
         for cell in ["", "–", "beta1", "not seen"] {
             assert!(!starts_as_number(cell), "{cell}");
         }
+    }
+
+    #[test]
+    fn a_chart_without_a_neighbour_is_wide() {
+        let half = || Chart::points("", "", Axis::new("", ""), Axis::new("", ""), &[], &[]);
+        let mut page = Page::new("");
+        page.chart(half())
+            .chart(half())
+            .chart(half())
+            .chart(half().wide())
+            .chart(half());
+        page.section("next")
+            .chart(half())
+            .chart(half())
+            .section("end");
+        assert_eq!(
+            page.widths(),
+            [false, false, true, true, true, false, false]
+        );
     }
 
     #[test]
