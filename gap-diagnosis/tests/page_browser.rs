@@ -75,6 +75,44 @@ fn zoom_is_linked_and_the_keyboard_works() {
 }
 
 #[test]
+fn dragging_zooms_and_a_double_click_shows_all_again() {
+    // The reading at the right edge tells where the window ends; the second chart is linked, the first one is dragged in.
+    let script = r#"
+        const over = document.querySelectorAll(".u-over")[0], box = over.getBoundingClientRect();
+        const mouse = (type, part, target = over) => target.dispatchEvent(new MouseEvent(type, {
+            clientX: box.left + part * box.width, clientY: box.top + 90, movementX: 3, movementY: 1, bubbles: true, button: 0, view: window }));
+        const readings = () => [...document.querySelectorAll(".legend")].slice(0, 2).map(legend => legend.querySelector("output").textContent).join("|");
+        const steps = [
+            () => { for (const type of ["mouseenter", "mousemove", "mousedown"]) mouse(type, 0.25); },
+            () => { mouse("mousemove", 0.5); mouse("mousemove", 0.5, document); },
+            () => { mouse("mouseup", 0.5); },
+            () => { mouse("mousemove", 0.999); },
+            () => { document.documentElement.dataset.zoomed = readings(); mouse("dblclick", 0.5); },
+            () => { mouse("mousemove", 0.999); },
+            () => { document.documentElement.dataset.reset = readings(); },
+        ];
+        steps.forEach((step, i) => setTimeout(step, 50 * (i + 1)));
+    "#;
+    let Some(dom) = dom_after("mouse", &page_with_everything(), 1280, script) else {
+        return;
+    };
+    // Six seconds of which the second quarter is left; a sample is 0.01 s and a pixel 0.005 s.
+    let seconds = |name: &str| -> Vec<f64> {
+        attribute(&dom, name)
+            .split('|')
+            .map(|reading| reading.trim_end_matches(" s").parse().unwrap_or(f64::NAN))
+            .collect()
+    };
+    for (name, expected) in [("data-zoomed", 3.0), ("data-reset", 5.99)] {
+        let readings = seconds(name);
+        assert!(
+            readings.len() == 2 && readings.iter().all(|at| (at - expected).abs() < 0.03),
+            "{name}: {readings:?}"
+        );
+    }
+}
+
+#[test]
 fn a_narrow_window_needs_no_sideways_scrolling() {
     let script = "const page = document.documentElement;
                   parent.postMessage(`${innerWidth} wide, ${page.scrollWidth - page.clientWidth} over`, '*');";
