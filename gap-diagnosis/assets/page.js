@@ -1,4 +1,4 @@
-// Draws every chart of the page. Each <figure class="chart"> holds its data as JSON:
+// Draws every chart of the page. Each figure of the class "chart" holds its data as JSON:
 //   mark    "lines" | "bars" | "points" (data: [x, y1, y2, ...])  or  "paths" (data: [x1, y1, x2, y2, ...])
 //   x, y    { label, unit, log };  series [{ name, ink }];  link: charts that zoom together;  band: half-width of the 99 % region
 // null in the data is a gap. Legend, titles and captions are already in the HTML; this file fills the readings in.
@@ -19,6 +19,12 @@
     const [mantissa, exponent] = value.toExponential(3).split("e");
     const e = Number(exponent);
     return withMinus(e >= -4 && e < 5 ? value.toFixed(Math.max(0, 3 - e)) : `${mantissa}×10${superscript(e)}`);
+  }
+  // Where the cursor stands is told to a five-thousandth of the window, so that zooming in separates neighbouring samples.
+  function position(value, scale, log) {
+    if (value == null || log || !(scale.max > scale.min)) return fourDigits(value);
+    const decimals = Math.ceil(-Math.log10((scale.max - scale.min) / 5000));
+    return Math.abs(value) >= 1e6 || decimals > 7 ? withMinus(value.toPrecision(9)) : withMinus(value.toFixed(Math.max(0, decimals)));
   }
   const withUnit = (value, unit) => (value == null ? "–" : fourDigits(value) + (unit ? ` ${unit}` : ""));
 
@@ -316,7 +322,7 @@
     const isOn = u.cursor.left >= 0;
     const first = isPaths ? idxs[1] : u.cursor.idx;
     const x = !isOn || first == null ? null : isPaths ? u.data[1][0][first] : u.data[0][first];
-    keys[0].textContent = isOn ? withUnit(x, drawing.x.unit) : "";
+    keys[0].textContent = isOn ? `${position(x, u.scales.x, drawing.x.log)} ${drawing.x.unit}` : "";
     for (let i = 1; i < u.series.length; i++) {
       const idx = isPaths ? idxs[i] : u.cursor.idx;
       const y = idx == null ? null : isPaths ? u.data[i][1][idx] : u.data[i][idx];

@@ -169,7 +169,7 @@ fn main() -> std::io::Result<()> {
         metrics: &[
             ("AIC".into(), "−84210".into()),
             ("BIC".into(), "−84158".into()),
-            ("starts at the best minimum".into(), "17 of 20".into()),
+            ("starts at the minimum".into(), "17 of 20".into()),
         ],
         warnings: &[],
         provenance: &provenance,

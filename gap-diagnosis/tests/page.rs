@@ -166,6 +166,46 @@ fn simulation_page_closed_and_open_loop() {
 }
 
 #[test]
+fn a_residual_reads_as_the_difference_of_the_curves_above_it() {
+    let (time_s, measured) = wave(100_000);
+    let predicted: Vec<f64> = measured
+        .iter()
+        .enumerate()
+        .map(|(k, y)| y - (k as f64 * 0.618_034).fract())
+        .collect();
+    let html = replay_page(&ReplayView {
+        title: "replay",
+        subtitle: "",
+        headline: "",
+        time_s: &time_s,
+        command_v: &predicted,
+        measured_um: &measured,
+        predicted_um: &predicted,
+        autocorrelation: &[],
+        n_residuals: 0,
+        spectrum: None,
+        metrics: &[],
+        warnings: &[],
+        provenance: &[],
+    })
+    .to_html();
+    assert!(html.contains("100\u{202f}000 samples"));
+    let drawings = drawings(&html);
+    assert_eq!(drawings[0]["data"][0], drawings[1]["data"][0]);
+    let column = |chart: usize, series: usize| {
+        drawings[chart]["data"][series]
+            .as_array()
+            .expect("a column")
+    };
+    for ((measured, predicted), residual) in column(0, 1).iter().zip(column(0, 2)).zip(column(1, 1))
+    {
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        // Seven digits of 40 µm: rounding by up to 5e-6 in each of the two, hardly any in the residual below 1.
+        assert!((number(measured) - number(predicted) - number(residual)).abs() < 1.1e-5);
+    }
+}
+
+#[test]
 fn missing_samples_are_null_and_bounds_are_right() {
     let (time_s, mut values) = wave(10_000);
     let predicted = values.clone();

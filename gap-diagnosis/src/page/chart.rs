@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::number::{count, four_digits, rounded};
 use super::thin::{Spacing, decimate, thin_path};
 
-/// Rows (or path entries) a chart keeps at most: three per screen pixel of a wide window.
-const N_POINTS: usize = 4000;
+/// Rows (or path entries) a chart keeps at most: five per screen pixel of a wide window, since linked charts share their rows.
+const N_POINTS: usize = 6000;
 /// A loop needs more: it is drawn in the plane, not along a line.
-const N_PATH_POINTS: usize = 9000;
+const N_PATH_POINTS: usize = 16_000;
 
 /// An axis: what it shows and in which unit (empty for a pure number).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -105,6 +105,19 @@ pub struct Loop<'a> {
     pub y: &'a [f64],
 }
 
+/// One of several charts over the same time, see [`Chart::linked_over_time`].
+#[derive(Debug, Clone)]
+pub struct Panel<'a> {
+    /// Heading.
+    pub title: &'a str,
+    /// What to look for.
+    pub caption: &'a str,
+    /// Vertical axis.
+    pub y: Axis,
+    /// One value per time.
+    pub series: Vec<Series<'a>>,
+}
+
 /// A chart, ready for [`Page::chart`](super::Page::chart).
 #[derive(Debug, Clone)]
 pub struct Chart {
@@ -193,6 +206,50 @@ impl Chart {
         );
         chart.is_wide = true;
         chart
+    }
+
+    /// Charts over one time axis that zoom together, the first taller than the others.
+    ///
+    /// They keep the same rows, so that at one cursor a residual reads as the difference of the two curves above it.
+    pub fn linked_over_time(key: &str, time_s: &[f64], panels: &[Panel<'_>]) -> Vec<Self> {
+        let columns: Vec<&[f64]> = panels
+            .iter()
+            .flat_map(|panel| panel.series.iter().map(|series| series.values))
+            .collect();
+        let rows = if columns.is_empty() {
+            Vec::new()
+        } else {
+            decimate(&columns, N_POINTS, Spacing::Even)
+        };
+        let pick = |column: &[f64]| -> Vec<f64> { rows.iter().map(|&row| column[row]).collect() };
+        let time_kept_s = pick(time_s);
+        panels
+            .iter()
+            .enumerate()
+            .map(|(panel_idx, panel)| {
+                let kept: Vec<Vec<f64>> = panel
+                    .series
+                    .iter()
+                    .map(|series| pick(series.values))
+                    .collect();
+                let series: Vec<Series<'_>> = panel
+                    .series
+                    .iter()
+                    .zip(&kept)
+                    .map(|(series, values)| Series { values, ..*series })
+                    .collect();
+                let mut chart = Self::over_time(
+                    panel.title,
+                    panel.caption,
+                    &time_kept_s,
+                    panel.y.clone(),
+                    &series,
+                );
+                chart.n_samples = time_s.len();
+                chart.is_low = panel_idx > 0;
+                chart.linked(key)
+            })
+            .collect()
     }
 
     /// Paths in the plane: hysteresis loops, displacement over reference.
@@ -365,11 +422,11 @@ impl Chart {
             .collect();
         let x_drawn: Vec<f64> = rows.iter().map(|&row| x_values[row]).collect();
         let content = thinned_columns(&x_drawn, &curves, mark, spacing, N_POINTS);
-        Self::new(title, caption, x, y, content, x_values.len())
+        Self::new(title, caption, x, y, content, rows.len())
     }
 
-    /// The data for the script, with `1/divisor` of the points: a page with many charts draws each a little coarser.
-    pub(super) fn json(&self, divisor: usize) -> String {
+    /// The data for the script and the number of samples in them, with `1/divisor` of the points: a page with many charts draws each a little coarser.
+    pub(super) fn json(&self, divisor: usize) -> (String, usize) {
         let (mark, data, curves): (Mark, Vec<Vec<f64>>, Vec<&Curve>);
         let coarser;
         let content = if divisor > 1 {
@@ -417,13 +474,24 @@ impl Chart {
             data,
         };
         // serde_json writes NaN as null, which is what the script takes for a gap.
-        serde_json::to_string(&drawing).expect("numbers and strings always serialise")
+        let json = serde_json::to_string(&drawing).expect("numbers and strings always serialise");
+        (json, content.n_drawn())
+    }
+
+    pub(super) fn is_wide(&self) -> bool {
+        self.is_wide
     }
 
     /// The figure; `json` goes into it as data. `escape` is the page's.
-    pub(super) fn html(&self, chart_idx: usize, json: &str, escape: fn(&str) -> String) -> String {
+    pub(super) fn html(
+        &self,
+        chart_idx: usize,
+        is_wide: bool,
+        (json, n_drawn): &(String, usize),
+        escape: fn(&str) -> String,
+    ) -> String {
         let mut classes = String::from("chart");
-        if self.is_wide {
+        if is_wide {
             classes += " wide";
         }
         if self.is_low {
@@ -445,9 +513,18 @@ impl Chart {
         );
         for (series_idx, (name, ink)) in names.iter().enumerate() {
             keys += &format!(
-                "<span class=\"key\"><button type=\"button\" aria-pressed=\"true\" data-series=\"{}\" title=\"show or hide\"><i class=\"swatch {}\"></i>{}</button> <output></output></span>",
+                "<span class=\"key\"><button type=\"button\" aria-pressed=\"true\" data-series=\"{}\" title=\"show or hide\"><i class=\"swatch {}{}\"></i>{}</button> <output></output></span>",
                 series_idx + 1,
                 ink.class(),
+                match &self.content {
+                    Content::Columns {
+                        mark: Mark::Points, ..
+                    } if series_idx == 0 => " dot full",
+                    Content::Columns {
+                        mark: Mark::Points, ..
+                    } => " dot",
+                    _ => "",
+                },
                 escape(name)
             );
         }
@@ -457,12 +534,11 @@ impl Chart {
                 escape(&four_digits(band, &self.y.unit))
             );
         }
-        let n_drawn = self.content.n_points();
-        let note = if n_drawn < self.n_samples {
+        let note = if *n_drawn < self.n_samples {
             format!(
                 " <span class=\"note\">{} samples, {} drawn; every peak is kept.</span>",
                 count(self.n_samples),
-                count(n_drawn)
+                count(*n_drawn)
             )
         } else {
             String::new()
@@ -487,10 +563,15 @@ impl Chart {
 }
 
 impl Content {
-    fn n_points(&self) -> usize {
+    /// Samples of the fullest curve; where the pen lifts is not one.
+    fn n_drawn(&self) -> usize {
         match self {
             Self::Columns { x, .. } => x.len(),
-            Self::Paths(paths) => paths.iter().map(|(x, _)| x.len()).max().unwrap_or(0),
+            Self::Paths(paths) => paths
+                .iter()
+                .map(|(x, _)| x.iter().filter(|value| value.is_finite()).count())
+                .max()
+                .unwrap_or(0),
         }
     }
 

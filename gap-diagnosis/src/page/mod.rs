@@ -18,7 +18,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 use std::path::Path;
 
-pub use chart::{Axis, Chart, Ink, Loop, Series};
+pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
 pub use identify::{FittedLog, FittedParameter, IdentifyView, StartView, identify_page};
 pub use number::four_digits;
 pub use replay::{ReplayView, SpectrumView, replay_page};
@@ -165,7 +165,7 @@ impl Page {
             })
             .collect();
         self.html(format!(
-            "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption}</caption>\
+            "<p class=\"caption\">{caption}</p>\n<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table>\
              <thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>\n",
             caption = escape(caption)
         ))
@@ -215,6 +215,14 @@ impl Page {
         self
     }
 
+    /// Several plots.
+    pub fn charts(&mut self, charts: Vec<Chart>) -> &mut Self {
+        for chart in charts {
+            self.chart(chart);
+        }
+        self
+    }
+
     /// How this page came about, at its foot: command line, seed, versions.
     pub fn provenance(&mut self, lines: &[String]) -> &mut Self {
         self.provenance.extend_from_slice(lines);
@@ -228,8 +236,9 @@ impl Page {
             .iter()
             .any(|block| matches!(block, Block::Chart(_)));
         let data = self.chart_data();
+        let is_wide = self.widths();
         let mut body = String::new();
-        let mut data = data.iter();
+        let mut data = data.iter().zip(&is_wide);
         let mut chart_idx = 0;
         let mut grid_open = false;
         for block in &self.blocks {
@@ -246,7 +255,8 @@ impl Page {
                 Block::Html(html) => body += html,
                 Block::Chart(chart) => {
                     chart_idx += 1;
-                    body += &chart.html(chart_idx, data.next().map_or("null", |json| json), escape);
+                    let (data, &is_wide) = data.next().expect("one per chart");
+                    body += &chart.html(chart_idx, is_wide, data, escape);
                 }
             }
         }
@@ -332,20 +342,55 @@ impl Page {
         self
     }
 
-    /// JSON of every chart, all coarser alike if together they were too large.
-    fn chart_data(&self) -> Vec<String> {
+    /// Whether each chart takes the whole width: those that ask for it, and the one that would be left without a neighbour.
+    fn widths(&self) -> Vec<bool> {
+        let mut is_wide: Vec<bool> = Vec::new();
+        let mut has_neighbour = true;
+        for block in &self.blocks {
+            match block {
+                Block::Chart(chart) if !chart.is_wide() => {
+                    is_wide.push(false);
+                    has_neighbour = !has_neighbour;
+                    continue;
+                }
+                _ if !has_neighbour => {
+                    if let Some(last) = is_wide.last_mut() {
+                        *last = true;
+                    }
+                    has_neighbour = true;
+                }
+                _ => {}
+            }
+            if matches!(block, Block::Chart(_)) {
+                is_wide.push(true);
+            }
+        }
+        if !has_neighbour && let Some(last) = is_wide.last_mut() {
+            *last = true;
+        }
+        is_wide
+    }
+
+    /// JSON and number of drawn samples of every chart, all coarser alike if together they were too large.
+    fn chart_data(&self) -> Vec<(String, usize)> {
+        let charts: Vec<&Chart> = self
+            .blocks
+            .iter()
+            .filter_map(|block| match block {
+                Block::Chart(chart) => Some(chart.as_ref()),
+                Block::Html(_) => None,
+            })
+            .collect();
         let mut divisor = 1;
         loop {
-            let data: Vec<String> = self
-                .blocks
+            let data: Vec<(String, usize)> = charts
                 .iter()
-                .filter_map(|block| match block {
-                    Block::Chart(chart) => Some(escape_json(&chart.json(divisor))),
-                    Block::Html(_) => None,
-                })
+                .map(|chart| chart.json(divisor))
+                .map(|(json, n_drawn)| (escape_json(&json), n_drawn))
                 .collect();
-            // 4000 / 16 = 250 points are the least that still looks like a curve; a page that large has some 200 charts.
-            if divisor >= 16 || data.iter().map(String::len).sum::<usize>() <= DATA_BUDGET_BYTES {
+            let n_bytes: usize = data.iter().map(|(json, _)| json.len()).sum();
+            // 6000 / 16 = 375 points are the least that still looks like a curve; a page beyond that has a hundred charts and may be larger.
+            if divisor >= 16 || n_bytes <= DATA_BUDGET_BYTES {
                 return data;
             }
             divisor *= 2;
@@ -426,6 +471,25 @@ mod tests {
         for cell in ["", "–", "beta1", "not seen"] {
             assert!(!starts_as_number(cell), "{cell}");
         }
+    }
+
+    #[test]
+    fn a_chart_without_a_neighbour_is_wide() {
+        let half = || Chart::points("", "", Axis::new("", ""), Axis::new("", ""), &[], &[]);
+        let mut page = Page::new("");
+        page.chart(half())
+            .chart(half())
+            .chart(half())
+            .chart(half().wide())
+            .chart(half());
+        page.section("next")
+            .chart(half())
+            .chart(half())
+            .section("end");
+        assert_eq!(
+            page.widths(),
+            [false, false, true, true, true, false, false]
+        );
     }
 
     #[test]

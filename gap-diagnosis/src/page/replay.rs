@@ -1,6 +1,6 @@
 //! The page of `replay`: the model driven with the logged command, beside what the bench did.
 
-use super::{Axis, Chart, Ink, Loop, Page, Series};
+use super::{Axis, Chart, Ink, Loop, Page, Panel, Series};
 
 /// What a replay page shows. The first three slices have one length.
 #[derive(Debug, Clone, Copy)]
@@ -118,13 +118,12 @@ pub(super) fn overlay_and_residual(
         .zip(predicted_um)
         .map(|(measured, predicted)| measured - predicted)
         .collect();
-    page.chart(
-        Chart::over_time(
-            "Measured and predicted",
-            "The thin line is the model, the broad one the bench; zoom in where they part.",
-            time_s,
-            Axis::new("displacement", "µm"),
-            &[
+    let panels = [
+        Panel {
+            title: "Measured and predicted",
+            caption: "The thin line is the model, the broad one the bench; zoom in where they part.",
+            y: Axis::new("displacement", "µm"),
+            series: vec![
                 Series {
                     name: "measured",
                     ink: Ink::Measured,
@@ -136,20 +135,19 @@ pub(super) fn overlay_and_residual(
                     values: predicted_um,
                 },
             ],
-        )
-        .linked(link),
-    );
-    page.chart(
-        Chart::over_time(
-            "Residual",
-            "Measured minus predicted: even noise is all a model can leave; steps, slopes or waves are something it lacks.",
-            time_s,
-            Axis::new("residual", "µm"),
-            &[Series { name: "residual", ink: Ink::Error, values: &residual_um }],
-        )
-        .linked(link)
-        .low(),
-    );
+        },
+        Panel {
+            title: "Residual",
+            caption: "Measured minus predicted: even noise is all a model can leave; steps, slopes or waves are something it lacks.",
+            y: Axis::new("residual", "µm"),
+            series: vec![Series {
+                name: "residual",
+                ink: Ink::Error,
+                values: &residual_um,
+            }],
+        },
+    ];
+    page.charts(Chart::linked_over_time(link, time_s, &panels));
 }
 
 /// The whiteness test. Lag 0 is one by definition and left out, so that the others can be seen.

@@ -1,6 +1,6 @@
 //! The page of `simulate`: what was asked, what the plant did, what the drive had to give.
 
-use super::{Axis, Chart, Ink, Loop, Page, Series};
+use super::{Axis, Chart, Ink, Loop, Page, Panel, Series};
 
 /// What a simulation page shows. All slices have the length of `time_s`.
 #[derive(Debug, Clone, Copy)]
@@ -40,29 +40,20 @@ pub fn simulation_page(view: &SimulationView<'_>) -> Page {
         page.warning(warning);
     }
 
+    let micrometres = || Axis::new("displacement", "µm");
     let displacement = Series {
         name: "displacement",
         ink: Ink::Model,
         values: view.displacement_um,
     };
-    let micrometres = || Axis::new("displacement", "µm");
+    let mut panels = Vec::new();
+    let difference_um: Vec<f64>;
     if let Some(reference_um) = view.reference_um {
         let reference = Series {
             name: "reference",
             ink: Ink::Reference,
             values: reference_um,
         };
-        page.chart(
-            Chart::over_time(
-                "Reference and displacement",
-                "The displacement should lie on the dashed reference; look for overshoot after steps and for lag on slopes.",
-                view.time_s,
-                micrometres(),
-                &[displacement, reference],
-            )
-            .linked("time"),
-        );
-        let difference_um: Vec<f64>;
         let error_um = match view.error_um {
             Some(error_um) => error_um,
             None => {
@@ -74,44 +65,37 @@ pub fn simulation_page(view: &SimulationView<'_>) -> Page {
                 &difference_um
             }
         };
-        page.chart(
-            Chart::over_time(
-                "Error",
-                "Reference minus displacement: it should return to zero after each change and stay there.",
-                view.time_s,
-                Axis::new("error", "µm"),
-                &[Series { name: "error", ink: Ink::Error, values: error_um }],
-            )
-            .linked("time")
-            .low(),
-        );
+        panels.push(Panel {
+            title: "Reference and displacement",
+            caption: "The displacement should lie on the dashed reference; look for overshoot after steps and for lag on slopes.",
+            y: micrometres(),
+            series: vec![displacement, reference],
+        });
+        panels.push(Panel {
+            title: "Error",
+            caption: "Reference minus displacement: it should return to zero after each change and stay there.",
+            y: Axis::new("error", "µm"),
+            series: vec![Series { name: "error", ink: Ink::Error, values: error_um }],
+        });
     } else {
-        page.chart(
-            Chart::over_time(
-                "Displacement",
-                "Open loop: the displacement follows the command through the hysteresis; look for drift and for where it does not return.",
-                view.time_s,
-                micrometres(),
-                &[displacement],
-            )
-            .linked("time"),
-        );
+        panels.push(Panel {
+            title: "Displacement",
+            caption: "Open loop: the displacement follows the command through the hysteresis; look for drift and for where it does not return.",
+            y: micrometres(),
+            series: vec![displacement],
+        });
     }
-    page.chart(
-        Chart::over_time(
-            "Drive",
-            "Command to the amplifier: flat tops mean that a limit was reached.",
-            view.time_s,
-            Axis::new("command", "V"),
-            &[Series {
-                name: "command",
-                ink: Ink::Drive,
-                values: view.command_v,
-            }],
-        )
-        .linked("time")
-        .low(),
-    );
+    panels.push(Panel {
+        title: "Drive",
+        caption: "Command to the amplifier: flat tops mean that a limit was reached.",
+        y: Axis::new("command", "V"),
+        series: vec![Series {
+            name: "command",
+            ink: Ink::Drive,
+            values: view.command_v,
+        }],
+    });
+    page.charts(Chart::linked_over_time("time", view.time_s, &panels));
 
     let path = |name, x| Loop {
         name,

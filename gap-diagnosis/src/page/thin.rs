@@ -151,8 +151,14 @@ fn ink_once(x: &[f64], y: &[f64], n_cells: usize, thinning: bool) -> Vec<Option<
         let from = at.map_or(target, cell);
         let is_new = ink_line(&mut inked, n_cells, from, target);
         if is_new || must_keep {
-            if path.last().copied().flatten() != at || at.is_none() {
-                if path.last().is_some_and(Option::is_some) {
+            let pen = path.last().copied().flatten();
+            // Two cells are a line's width: there a straight join is truer than a gap, which would make noise look like dashes.
+            let is_near = |other: usize| {
+                let (column, row) = cell(other);
+                (column - target.0).abs().max((row - target.1).abs()) <= 2
+            };
+            if at.is_none() || pen != at && !pen.is_some_and(is_near) {
+                if pen.is_some() {
                     path.push(None);
                 }
                 path.extend(at.map(Some));
