@@ -3,4 +3,5 @@
 //! What it does not do: simulate (`plant-sim`), open ports, read command lines.
 
 pub mod identify;
+pub mod page;
 pub mod residual;

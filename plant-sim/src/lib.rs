@@ -3,11 +3,15 @@
 //! Host only, f64, SI units inside. What it does not do: fitting, judging or drawing (`gap-diagnosis`), and opening ports.
 
 pub mod chain;
+pub mod controller;
 pub mod exact;
+pub mod log;
+pub mod margins;
 pub mod metrics;
 pub mod model;
 pub mod param;
 pub mod phs;
+pub mod replay;
 pub mod spec;
 mod toml_file;
 

@@ -25,32 +25,30 @@ pub struct Looks {
     pub width_v: f64,
     /// Largest minus smallest command in volts.
     pub span_v: f64,
-    /// Delay in samples (whole ones) at which the line fits best.
-    pub lag_samples: usize,
 }
 
-/// The line through displacement over command, at the lag of up to ten samples where it fits best.
+/// The line through displacement over command.
 pub fn looks(log: &Log, run_in: usize) -> Looks {
     let (u, y) = (&log.command_v[run_in..], &log.displacement_m[run_in..]);
-    let line = |lag: usize| {
-        let pairs = || u.iter().zip(&y[lag..]);
-        let n = (y.len() - lag) as f64;
-        let (mean_u, mean_y) = (pairs().map(|p| p.0).sum::<f64>() / n, pairs().map(|p| p.1).sum::<f64>() / n);
-        let suu: f64 = pairs().map(|p| (p.0 - mean_u).powi(2)).sum();
-        let suy: f64 = pairs().map(|p| (p.0 - mean_u) * (p.1 - mean_y)).sum();
-        let syy: f64 = pairs().map(|p| (p.1 - mean_y).powi(2)).sum();
-        let gain = suy / suu;
-        (gain, mean_y - gain * mean_u, ((syy - gain * suy).max(0.0) / n).sqrt())
-    };
-    let lags = 10.min(y.len() / 4);
-    let best = (0..=lags).min_by(|&a, &b| line(a).2.total_cmp(&line(b).2)).unwrap_or(0);
-    let (gain_m_per_v, offset_m, rms_m) = line(best);
+    let pairs = || u.iter().zip(y);
+    let n = y.len() as f64;
+    let (mean_u, mean_y) = (u.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
+    let suu: f64 = u.iter().map(|u| (u - mean_u).powi(2)).sum();
+    let suy: f64 = pairs().map(|(u, y)| (u - mean_u) * (y - mean_y)).sum();
+    let syy: f64 = y.iter().map(|y| (y - mean_y).powi(2)).sum();
+    let gain_m_per_v = suy / suu;
+    let rms_m = ((syy - gain_m_per_v * suy).max(0.0) / n).sqrt();
     let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    Looks { gain_m_per_v, offset_m, width_v: rms_m / gain_m_per_v.abs(), span_v: high - low, lag_samples: best }
+    Looks {
+        gain_m_per_v,
+        offset_m: mean_y - gain_m_per_v * mean_u,
+        width_v: rms_m / gain_m_per_v.abs(),
+        span_v: high - low,
+    }
 }
 
 /// A plant with `hysterons` hysterons that has the logs' gain and loop width.
-pub fn guess(log: &Log, looks: &Looks, hysterons: usize, mass_kg: f64) -> Model {
+pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg: f64) -> Model {
     let assumed = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
     let plant = |hz: f64, damping_ratio: f64, hysterons: usize| {
         let turning = std::f64::consts::TAU * hz;
@@ -87,18 +85,18 @@ pub fn guess(log: &Log, looks: &Looks, hysterons: usize, mass_kg: f64) -> Model 
             fit: None,
         }
     };
-    let (hz, damping_ratio) = resonance(log, looks, &|hz, damping| plant(hz, damping, 0).chain());
+    let (hz, damping_ratio) = resonance(log, run_in, looks, &|hz, damping| plant(hz, damping, 0).chain());
     plant(hz, damping_ratio, hysterons)
 }
 
 /// Undamped frequency and damping ratio of a linear plant that replays the log best, if they matter to it.
-fn resonance(log: &Log, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> (f64, f64) {
-    let rows = log.command_v.len().min(SCAN_ROWS);
+fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> (f64, f64) {
+    let rows = log.command_v.len().min(run_in + SCAN_ROWS);
     let misfit = |hz: f64, damping: f64| {
         let chain = plant(hz, damping);
         let start = Start::at_rest(&chain, log.command_v[0], Vec::new());
         let mut score = Score::default();
-        for (y, predicted) in log.displacement_m.iter().zip(predict(&chain, log, &start, rows)) {
+        for (y, predicted) in log.displacement_m.iter().zip(predict(&chain, log, &start, rows)).skip(run_in) {
             score.add(*y, predicted * looks.gain_m_per_v.signum());
         }
         score.rms_m(true)

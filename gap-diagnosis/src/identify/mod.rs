@@ -31,7 +31,7 @@ const BOUND_GUESSED: f64 = 4.0;
 /// Spread of the random starts around a stated plant, and around a guessed one, in logarithms.
 const SPREAD_STATED: f64 = 0.3;
 const SPREAD_GUESSED: f64 = 0.7;
-/// A number is unseen if the logs leave more than this fraction of its prior standard deviation.
+/// A number is unseen if the logs leave more than this fraction of its prior standard deviation, were all that is left noise.
 const UNSEEN: f64 = 0.5;
 /// Work of one simulation (rows times moves per row) above which the first descents use only a part of each log.
 const CHEAP: usize = 60_000;
@@ -39,6 +39,11 @@ const CHEAP: usize = 60_000;
 const LEAST_ROWS: usize = 1500;
 /// Floor of a log's noise, metres: a noise-free simulation still has rounding.
 const LEAST_NOISE_M: f64 = 1e-12;
+/// Relative change of cost and coordinates at which a descent ends: among the starts, and for the one that is kept.
+const COARSE: f64 = 1e-5;
+const FINE: f64 = 1e-7;
+/// Evaluations that a descent may take, per coordinate.
+const PATIENCE: usize = 10;
 /// A delay is added if it lies this many standard deviations from zero.
 const DELAY_SIGMAS: f64 = 4.0;
 /// Most hysterons that `Hysterons::Auto` tries.
@@ -214,18 +219,12 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), true),
         From::Logs { hysterons, mass_kg } => {
-            let looks = guess::looks(&logs[0], run_in_rows(&logs[0], options));
+            let run_in = run_in_rows(&logs[0], options);
+            let looks = guess::looks(&logs[0], run_in);
             if looks.gain_m_per_v < 0.0 {
                 return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
             }
-            let guessed = |n: usize| {
-                let mut model = guess::guess(&logs[0], &looks, n, *mass_kg);
-                if looks.lag_samples > 0 {
-                    let lag_us = looks.lag_samples as f64 * logs[0].dt_s * 1e6;
-                    model.drive.delay_us = Some(Param::absolute(lag_us, logs[0].dt_s * 1e6, "guessed from the log"));
-                }
-                model
-            };
+            let guessed = |n: usize| guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
             match hysterons {
                 Hysterons::Fixed(n) => fit(guessed(*n), false),
                 Hysterons::Auto => {
@@ -278,6 +277,15 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
         }
     }
     Ok(())
+}
+
+/// What counts as one observation.
+#[derive(Clone, Copy, PartialEq)]
+enum Count {
+    /// Every sample, as if the residual were white: what the logs could tell at the best.
+    Samples,
+    /// Every independent sample: what they do tell.
+    Independent,
 }
 
 /// One fit of one nominal plant to the logs.
@@ -396,13 +404,14 @@ impl<'a> Session<'a> {
         z
     }
 
-    fn descend<'p>(&self, problem: Problem<'p>, patience: usize) -> Problem<'p> {
-        let (problem, _) = LevenbergMarquardt::new()
-            .with_ftol(1e-9)
-            .with_xtol(1e-9)
+    fn descend<'p>(&self, problem: Problem<'p>, tolerance: f64) -> Problem<'p> {
+        let (problem, report) = LevenbergMarquardt::new()
+            .with_ftol(tolerance)
+            .with_xtol(tolerance)
             .with_gtol(1e-10)
-            .with_patience(patience)
+            .with_patience(PATIENCE)
             .minimize(problem);
+        if std::env::var("DBG").is_ok() { println!("   {:?} evals {} cost {:e}", report.termination, report.number_of_evaluations, problem.cost()); }
         problem
     }
 
@@ -425,7 +434,7 @@ impl<'a> Session<'a> {
                     *coordinate += random.random_range(-spread..spread);
                 }
             }
-            ends.push(self.descend(Problem::new(&short, &free, &self.chain, self.simulations, z), 30));
+            ends.push(self.descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE));
         }
         ends.retain(|p| p.cost().is_finite());
         ends.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
@@ -437,7 +446,7 @@ impl<'a> Session<'a> {
         self.say(&format!("{hysterons} hysterons, polishing"));
         let mut z = levenberg_marquardt::LeastSquaresProblem::params(best);
         drop(ends);
-        let mut problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), 40);
+        let mut problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), FINE);
         z = problem.coordinates_now().clone();
         if !free.iter().any(|f| f.quantity == Quantity::Delay) && self.delay_shows(&records, &free, &z) {
             self.say(&format!("{hysterons} hysterons, with a delay"));
@@ -445,7 +454,7 @@ impl<'a> Session<'a> {
             free.push(self.delay());
             // One coordinate is half a percent of a sample: off its bound at zero, where it has no gradient to one side.
             z = z.insert_row(at, 0.005);
-            problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), 40);
+            problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), FINE);
             z = problem.coordinates_now().clone();
         }
         let (unseen, z, free_left) = self.set_aside_unseen(&records, free, z);
@@ -459,7 +468,7 @@ impl<'a> Session<'a> {
         let at = free.len();
         free.push(self.delay());
         let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
-        let Some(covariance) = self.covariance(records, &problem) else { return false };
+        let Some(covariance) = self.covariance(records, &problem, Count::Independent) else { return false };
         let sensitivities = problem.sensitivities();
         let residual = problem.data_residuals();
         let gradient = sensitivities.tr_mul(&residual);
@@ -469,13 +478,16 @@ impl<'a> Session<'a> {
     }
 
     /// Covariance of the coordinates: data weighted by their residual's size and counted in independent samples, plus priors.
-    fn covariance(&self, records: &[Record<'_>], problem: &Problem<'_>) -> Option<DMatrix<f64>> {
+    fn covariance(&self, records: &[Record<'_>], problem: &Problem<'_>, count: Count) -> Option<DMatrix<f64>> {
         let mut weighted = problem.sensitivities();
         let mut from = 0;
         for (index, record) in records.iter().enumerate() {
             let residual = problem.residual_m(index);
-            let correlation = Autocorrelation::of(&residual, residual.len() / 4);
-            let sigma_units = rms(residual.iter().copied()) / record.noise_m * correlation.samples_per_independent().sqrt();
+            let samples = match count {
+                Count::Samples => 1.0,
+                Count::Independent => Autocorrelation::of(&residual, residual.len() / 4).samples_per_independent(),
+            };
+            let sigma_units = rms(residual.iter().copied()) / record.noise_m * samples.sqrt();
             weighted.rows_mut(from, residual.len()).scale_mut(1.0 / sigma_units.max(1e-12));
             from += residual.len();
         }
@@ -497,7 +509,7 @@ impl<'a> Session<'a> {
         let mut kept_although_dim: Vec<Quantity> = Vec::new();
         loop {
             let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone());
-            let Some(covariance) = self.covariance(records, &problem) else { break };
+            let Some(covariance) = self.covariance(records, &problem, Count::Samples) else { break };
             let dimmest = (0..free.len())
                 .filter(|&i| !kept_although_dim.contains(&free[i].quantity))
                 .map(|i| (i, covariance[(i, i)].sqrt() / free[i].prior_sigma))
@@ -508,7 +520,7 @@ impl<'a> Session<'a> {
             let set_aside = fewer.remove(index);
             let refitted = self.descend(
                 Problem::new(records, &fewer, &self.chain, self.simulations, z.clone().remove_row(index)),
-                20,
+                FINE,
             );
             // A number that costs fit when it is put back is seen after all, if only along with others.
             let independent = self.samples_per_independent(records, &problem);
@@ -544,7 +556,7 @@ impl<'a> Session<'a> {
         starts_rms_m: Vec<f64>,
     ) -> Fit {
         let z = problem.coordinates_now();
-        let covariance = self.covariance(records, problem);
+        let covariance = self.covariance(records, problem, Count::Independent);
         let fitted_chain = problem.chain(z);
         let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
         let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);
