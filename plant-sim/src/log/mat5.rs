@@ -444,9 +444,13 @@ pub(crate) fn variable(name: &str, value: &Out<'_>) -> Option<Vec<u8>> {
             (MX_DOUBLE, MI_DOUBLE, numbers.len(), data)
         }
         Out::Text(text) => {
-            let units: Vec<u16> = text.encode_utf16().collect();
-            let data = units.iter().flat_map(|unit| unit.to_le_bytes()).collect();
-            (MX_CHAR, MI_UINT16, units.len(), data)
+            // UTF-8 as scipy writes it: MATLAB, Octave and matrw all take it, 16-bit units not all of them.
+            (
+                MX_CHAR,
+                MI_UTF8,
+                text.encode_utf16().count(),
+                text.as_bytes().to_vec(),
+            )
         }
     };
     let n = i32::try_from(n).ok()?;
