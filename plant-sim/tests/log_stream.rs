@@ -84,7 +84,7 @@ fn two_hundred_megabytes_pass_through_a_few() {
     );
     let mut reader = reader.expect("opened");
     let (mut n_rows, mut sum_m, mut most_ahead_bytes) = (0u64, 0.0, 0);
-    while let Some(row) = reader.next() {
+    for row in reader.by_ref() {
         let row = row.unwrap_or_else(|error| panic!("{error}"));
         sum_m += row.displacement_m;
         n_rows += 1;

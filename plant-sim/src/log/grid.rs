@@ -302,7 +302,7 @@ mod tests {
     fn a_drift_that_no_single_step_shows_is_found() {
         // Each step is 1e-5 longer than the one before: 1 % of a sample after about 50 rows.
         let texts: Vec<String> = (0..2000u32)
-            .map(|k| f64::from(k))
+            .map(f64::from)
             .map(|k| format!("{:.12}", 1e-4 * (k + 0.5e-5 * k * k)))
             .collect();
         assert!(matches!(check(&texts), Err(LogError::NotUniform { .. })));

@@ -355,6 +355,10 @@ fn structure(cursor: &mut Cursor<'_>, n: usize, depth: usize) -> Found<Value> {
 }
 
 /// The numbers of an element, whatever type they were packed into.
+#[expect(
+    clippy::cast_lossless,
+    reason = "one expression for ten types, of which two lose digits"
+)]
 fn numbers(kind: u32, at: usize, data: &[u8], big: bool) -> Found<Vec<f64>> {
     macro_rules! unpack {
         ($real:ty) => {{
