@@ -409,6 +409,10 @@ fn npy_files_that_are_no_tables_are_refused() {
         "{'descr': '<f8', 'fortran_order': False, 'shape': (4294967296, 4294967296, 4294967296), }".into(),
         "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 18446744073709551615, 18446744073709551615), }".into(),
         "{'descr': [('a', '<f8', (4294967296, 4294967296, 4294967296))], 'fortran_order': False, 'shape': (20,), }".into(),
+        "{'descr': '<U9223372036854775807', 'fortran_order': True, 'shape': (20, 2), }".into(),
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (20, -2), }".into(),
+        "{'descr': [('a', '|S9223372036854775807'), ('b', '|S9223372036854775807')], 'fortran_order': False, 'shape': (20,), }".into(),
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (0x10, 2), }".into(),
         "{'descr': '<f99999999999', 'fortran_order': True, 'shape': (281474976710, 2), }".into(),
         "{'descr': '<f8', 'fortran_order': True, 'shape': (28147497671065, 2), }".into(),
     ] {

@@ -58,9 +58,12 @@ fn full_log(n: u32, rate_hz: f64) -> Log {
             period_samples: Some(200),
             run_in_s: Some(0.7),
             controller: Some("controllers/pi1.toml".into()),
-            firmware: Some("0.1.0 (d7edd61)".into()),
+            firmware: Some("0.10".into()),
             seed: Some("18446744073709551615".into()),
-            other: BTreeMap::from([("rig".into(), "left: bench".into())]),
+            other: BTreeMap::from([
+                ("rig".into(), "left: bench".into()),
+                ("run".into(), "007".into()),
+            ]),
         },
     }
 }
