@@ -233,6 +233,7 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
             return Err(LogError::BadOption {
                 option: format!("--scale {key}"),
                 value,
+                expected: "other than zero",
             });
         }
     }
@@ -240,6 +241,7 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
         return Err(LogError::BadOption {
             option: "--rate".into(),
             value,
+            expected: "above zero",
         });
     }
     Ok(ALL[..N_READ]

@@ -305,12 +305,14 @@ pub enum LogError {
         known: String,
     },
     /// A number given on the command line cannot be used.
-    #[error("{option}: {value} cannot be used; give a finite number above zero")]
+    #[error("{option}: {value} cannot be used; give a finite number {expected}")]
     BadOption {
         /// The option, with its key where it has one.
         option: String,
         /// The value given.
         value: f64,
+        /// What it should be.
+        expected: &'static str,
     },
     /// A log is written by extension, and this one is not known.
     #[error("{}: unknown kind of log; end its name in .csv, .npy or .mat", path.display())]

@@ -2,7 +2,8 @@
 //!
 //! A grid starts at the first row and has one interval `dt`. Row k puts `dt` into
 //! `[(t_k - t_0 - tol) / k, (t_k - t_0 + tol) / k]`; the log is uniform while the intersection over all rows is not
-//! empty. That is the check of every row against the fitted grid, without keeping the rows.
+//! empty. That is the check of every row against the fitted grid, without keeping the rows. The grid may tilt within
+//! the tolerance of the others, so a single outlier passes below one `tol` and is refused from two on.
 //!
 //! `tol` is 1 % of a sample plus the rounding of both printed times. Two intersections are kept: with the rounding,
 //! whose end is an error, and without it. As long as the second one lives the print is fine enough to show a lost
@@ -54,6 +55,8 @@ impl TimePrint {
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
     nominal_s: f64,
+    /// Several samples to one unit of the printed time.
+    coarse: bool,
     n: u64,
     first_s: f64,
     last_s: f64,
@@ -77,7 +80,8 @@ impl Grid {
         let median_s = steps_s.get(steps_s.len() / 2).copied()?;
         let (first_s, last_s) = (*times_s.first()?, *times_s.last()?);
         let mean_s = (last_s - first_s) / steps_s.len() as f64;
-        let nominal_s = if median_s > 0.0 { median_s } else { mean_s };
+        let coarse = median_s <= 0.0;
+        let nominal_s = if coarse { mean_s } else { median_s };
         // An interval that is not a normal number, or that the time cannot resolve, is no interval.
         if !(nominal_s.is_normal() && nominal_s > 0.0 && super::column::is_rate(nominal_s.recip()))
         {
@@ -85,13 +89,15 @@ impl Grid {
         }
         let mut grid = Self {
             nominal_s,
+            coarse,
             n: 0,
             first_s,
             last_s: first_s,
             max_decimals: i32::MIN,
             max_digits: 0,
             epsilon: f64::EPSILON,
-            exact_s: (0.0, f64::INFINITY),
+            // A print in which most times repeat is no exact one.
+            exact_s: (0.0, if coarse { -1.0 } else { f64::INFINITY }),
             rounded_s: (0.0, f64::INFINITY),
         };
         // One row alone does not show the print: "0.0" may come from a printer of 17 digits.
@@ -151,7 +157,7 @@ impl Grid {
         let ulps_s = 4.0 * self.epsilon * time_s.abs().max(self.first_s.abs());
         let exact = self.exact_s.0 <= self.exact_s.1;
 
-        let coarse = !exact && rounding_s >= self.nominal_s;
+        let coarse = self.coarse || (!exact && rounding_s >= self.nominal_s);
         if step_s < 0.0 || (step_s == 0.0 && !coarse) {
             return Err(LogError::TimeNotIncreasing {
                 path: path.to_path_buf(),
@@ -296,7 +302,7 @@ mod tests {
     fn a_drift_that_no_single_step_shows_is_found() {
         // Each step is 1e-5 longer than the one before: 1 % of a sample after about 50 rows.
         let texts: Vec<String> = (0..2000u32)
-            .map(|k| f64::from(k))
+            .map(f64::from)
             .map(|k| format!("{:.12}", 1e-4 * (k + 0.5e-5 * k * k)))
             .collect();
         assert!(matches!(check(&texts), Err(LogError::NotUniform { .. })));

@@ -115,19 +115,18 @@ pub(crate) fn open<R: Read>(
             }
         }
     }
-    if let Some((first, rest)) = fields.split_first() {
-        if let Some(other) = rest
+    if let Some((first, rest)) = fields.split_first()
+        && let Some(other) = rest
             .iter()
             .find(|field| field.numbers.len() != first.numbers.len())
-        {
-            return Err(LogError::Lengths {
-                path: path.to_path_buf(),
-                column: excerpt(&first.name),
-                n: first.numbers.len(),
-                other: excerpt(&other.name),
-                n_other: other.numbers.len(),
-            });
-        }
+    {
+        return Err(LogError::Lengths {
+            path: path.to_path_buf(),
+            column: excerpt(&first.name),
+            n: first.numbers.len(),
+            other: excerpt(&other.name),
+            n_other: other.numbers.len(),
+        });
     }
     Ok(Opened {
         meta,

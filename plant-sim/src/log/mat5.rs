@@ -355,6 +355,10 @@ fn structure(cursor: &mut Cursor<'_>, n: usize, depth: usize) -> Found<Value> {
 }
 
 /// The numbers of an element, whatever type they were packed into.
+#[expect(
+    clippy::cast_lossless,
+    reason = "one expression for ten types, of which two lose digits"
+)]
 fn numbers(kind: u32, at: usize, data: &[u8], big: bool) -> Found<Vec<f64>> {
     macro_rules! unpack {
         ($real:ty) => {{
@@ -444,9 +448,13 @@ pub(crate) fn variable(name: &str, value: &Out<'_>) -> Option<Vec<u8>> {
             (MX_DOUBLE, MI_DOUBLE, numbers.len(), data)
         }
         Out::Text(text) => {
-            let units: Vec<u16> = text.encode_utf16().collect();
-            let data = units.iter().flat_map(|unit| unit.to_le_bytes()).collect();
-            (MX_CHAR, MI_UINT16, units.len(), data)
+            // UTF-8 as scipy writes it: MATLAB, Octave and matrw all take it, 16-bit units not all of them.
+            (
+                MX_CHAR,
+                MI_UTF8,
+                text.encode_utf16().count(),
+                text.as_bytes().to_vec(),
+            )
         }
     };
     let n = i32::try_from(n).ok()?;

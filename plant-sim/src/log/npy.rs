@@ -306,6 +306,10 @@ fn guarded_header(path: &Path, reader: &mut impl Read) -> Result<NpyHeader, LogE
 }
 
 /// A decoder for a real number type, and the relative spacing of its numbers.
+#[expect(
+    clippy::cast_lossless,
+    reason = "one expression for ten types, of which two lose digits"
+)]
 fn decoder(dtype: &DType) -> Option<(Decode, f64)> {
     // One attempt per type that numpy has; `npyz` says no to all but the right one, byte order included.
     macro_rules! attempt {

@@ -223,13 +223,16 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
     } else {
         staged.put(&mat5::header())?;
         for (key, value) in meta.entries() {
-            let variable = match value.parse::<f64>() {
-                // A seed is a name that happens to be a number, and may be longer than an f64.
-                Ok(number) if key != "seed" && number.is_finite() => {
-                    mat5::variable(&identifier(&key), &mat5::Out::Real(&[number]))
-                }
-                _ => mat5::variable(&identifier(&key), &mat5::Out::Text(&value)),
+            // Only what is a quantity becomes a number: a seed or a version that looks like one is a name.
+            let number = value
+                .parse::<f64>()
+                .ok()
+                .filter(|_| NUMERIC_KEYS.contains(&key.as_str()));
+            let out = match &number {
+                Some(number) => mat5::Out::Real(std::slice::from_ref(number)),
+                None => mat5::Out::Text(&value),
             };
+            let variable = mat5::variable(&identifier(&key), &out);
             staged.put_variable(variable)?;
         }
         let time_s: Vec<f64> = (0..n_rows).map(|row| log.time_s(row)).collect();
@@ -247,6 +250,16 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
     }
     staged.finish()
 }
+
+/// Metadata that are quantities.
+const NUMERIC_KEYS: [&str; 6] = [
+    "rate_hz",
+    "latency_us",
+    "adc_lsb_um",
+    "dac_lsb_V",
+    "period_samples",
+    "run_in_s",
+];
 
 /// A name that MATLAB takes: letters, digits and underscores, at most 63, a letter first.
 fn identifier(key: &str) -> String {

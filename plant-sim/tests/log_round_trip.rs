@@ -1,0 +1,508 @@
+//! Logs that are written come back; files of other programs are read as those programs meant them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use plant_sim::log::{self, Column, Hold, Log, Meta, ReadOptions, RowReader, Writer};
+use proptest::prelude::*;
+
+/// A directory of this test, removed at its end.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(test: &str) -> Self {
+        let path =
+            std::env::temp_dir().join(format!("log_round_trip-{}-{test}", std::process::id()));
+        fs::create_dir_all(&path).expect("a scratch directory");
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A log with every column, every metadata key, and numbers that do not end in decimal.
+fn full_log(n: u32, rate_hz: f64) -> Log {
+    let wave = |scale: f64, phase: f64| -> Vec<f64> {
+        (0..n)
+            .map(|k| scale * (0.37 * f64::from(k) + phase).sin())
+            .collect()
+    };
+    Log {
+        name: String::new(),
+        time_start_s: 0.125,
+        dt_s: rate_hz.recip(),
+        command_v: wave(90.0, 0.1),
+        displacement_m: wave(21.9e-6, 0.2),
+        reference_m: Some(wave(1e-9, 0.3)),
+        drive_v: Some(wave(1e4, 0.4)),
+        force_n: Some(wave(3.0, 0.5)),
+        current_a: Some(wave(1e-3, 0.6)),
+        temperature_c: Some(wave(25.0, 0.7)),
+        limited_by: Some((0..n).map(|k| f64::from(k % 3)).collect()),
+        seq: Some((0..n).map(f64::from).collect()),
+        meta: Meta {
+            rate_hz: Some(rate_hz),
+            hold: Hold::Bandlimited,
+            latency_s: 12.3e-6,
+            adc_lsb_m: Some(1.1e-9),
+            dac_lsb_v: Some(0.0061),
+            period_samples: Some(200),
+            run_in_s: Some(0.7),
+            controller: Some("controllers/pi1.toml".into()),
+            firmware: Some("0.10".into()),
+            seed: Some("18446744073709551615".into()),
+            other: BTreeMap::from([
+                ("rig".into(), "left: bench".into()),
+                ("run".into(), "007".into()),
+            ]),
+        },
+    }
+}
+
+#[test]
+fn csv_gives_back_the_same_bits() {
+    let scratch = Scratch::new("csv");
+    for rate_hz in [1e4, 3e4, 750.0, 1e6, 44_100.0] {
+        let mut log = full_log(1000, rate_hz);
+        let path = scratch.file("log.csv");
+        log::write(&path, &log).expect("written");
+        log.name = path.display().to_string();
+        assert_eq!(
+            log::read(&path, &ReadOptions::default()).expect("read"),
+            log
+        );
+    }
+}
+
+#[test]
+fn npy_and_mat_give_back_all_but_the_last_bit() {
+    let scratch = Scratch::new("binary");
+    for extension in ["npy", "mat"] {
+        let mut log = full_log(500, 1e4);
+        let path = scratch.file(&format!("log.{extension}"));
+        log::write(&path, &log).expect("written");
+        let mut back = log::read(&path, &ReadOptions::default()).expect("read");
+        // Times are stored in full, and the interval is 1/rate where the rate is known; NPY has no metadata.
+        if extension == "npy" {
+            assert_eq!(back.meta, Meta::default());
+            assert!((back.dt_s / log.dt_s - 1.0).abs() < 1e-13);
+            back.dt_s = log.dt_s;
+            back.meta = log.meta.clone();
+        }
+        // To micrometres and back rounds twice, each by at most 2^-53 of the value.
+        for (ours, theirs) in [
+            (&mut log.displacement_m, &back.displacement_m),
+            (
+                log.reference_m.as_mut().expect("there"),
+                back.reference_m.as_ref().expect("there"),
+            ),
+        ] {
+            for (ours, theirs) in ours.iter_mut().zip(theirs) {
+                assert!(
+                    (*ours - theirs).abs() <= 2.3e-16 * ours.abs(),
+                    "{ours} {theirs}"
+                );
+                *ours = *theirs;
+            }
+        }
+        log.name = path.display().to_string();
+        assert_eq!(back, log);
+    }
+}
+
+#[test]
+fn mat_files_that_are_written_are_what_another_reader_takes() {
+    let scratch = Scratch::new("oracle");
+    let log = full_log(64, 1e4);
+    let path = scratch.file("log.mat");
+    log::write(&path, &log).expect("written");
+    let mat = matrw::load_matfile(path.to_str().expect("UTF-8")).expect("matrw reads it");
+    assert_eq!(mat["rate_hz"].to_f64(), Some(1e4));
+    let command = mat["command_V"].to_vec_f64().expect("a vector");
+    assert_eq!(command, log.command_v);
+}
+
+#[test]
+fn rows_written_one_by_one_appear_only_when_finished() {
+    let scratch = Scratch::new("staged");
+    let path = scratch.file("out.csv");
+    let columns = [Column::Time, Column::Displacement, Column::Predicted];
+    let meta = Meta {
+        rate_hz: Some(2e4),
+        ..Meta::default()
+    };
+    let mut writer = Writer::create(&path, &meta, &columns).expect("created");
+    writer.row(&[0.0, 1.5e-6, -2e-9]).expect("a row");
+    writer.row(&[5e-5, 0.0, 1e-3]).expect("a row");
+    assert!(!path.exists());
+    writer.finish().expect("finished");
+    assert_eq!(
+        fs::read_to_string(&path).expect("there"),
+        "# rate_hz: 20000\n# hold: zoh\ntime_s,displacement_um,predicted_um\n0.00000,1.5,-0.002\n0.00005,0,1000\n"
+    );
+
+    // Given up half-way, by the program or by a bad value, the old file stays and nothing else does.
+    let mut writer = Writer::create(&path, &meta, &columns).expect("created");
+    let message = writer
+        .row(&[0.0, f64::NAN, 0.0])
+        .expect_err("refused")
+        .to_string();
+    assert!(
+        message.contains("sample 0, column displacement_um: NaN is not finite"),
+        "{message}"
+    );
+    assert!(writer.row(&[0.0, 0.0, 0.0]).is_err());
+    assert!(writer.finish().is_err());
+    drop(Writer::create(&path, &meta, &columns).expect("created"));
+    let left: Vec<_> = fs::read_dir(&scratch.0).expect("there").collect();
+    assert_eq!(left.len(), 1);
+    assert!(
+        fs::read_to_string(&path)
+            .expect("there")
+            .contains("1.5,-0.002")
+    );
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_said_in_one_line() {
+    let scratch = Scratch::new("unwritable");
+    let path = scratch.file("none/out.csv");
+    let message = log::write(&path, &full_log(20, 1e3))
+        .expect_err("refused")
+        .to_string();
+    assert_eq!(
+        message,
+        format!(
+            "{}: cannot be written: No such file or directory (os error 2); nothing was left there, name another place with --out",
+            path.display()
+        )
+    );
+    let directory = log::write(&scratch.0.join("a.csv"), &full_log(20, 1e3));
+    assert!(directory.is_ok());
+    fs::create_dir(scratch.file("d.csv")).expect("made");
+    let message = log::write(&scratch.file("d.csv"), &full_log(20, 1e3)).expect_err("refused");
+    assert!(
+        message
+            .to_string()
+            .ends_with("is a directory; name a log file in it")
+    );
+    let message = log::write(&scratch.file("a.xls"), &full_log(20, 1e3)).expect_err("refused");
+    assert!(message.is_wrong_call());
+}
+
+#[test]
+fn csv_of_other_programs_is_tolerated() {
+    let rows = |separator: &str, end: &str| -> String {
+        (0..20)
+            .map(|k| {
+                format!(
+                    " {}{separator}\"{k}\"{separator} 1.5e0 {separator}note{end}",
+                    f64::from(k) * 0.005
+                )
+            })
+            .collect()
+    };
+    let options = ReadOptions {
+        columns: BTreeMap::from([
+            ("time".into(), "t".into()),
+            ("command".into(), "u, volts".into()),
+            ("displacement".into(), "y_nm".into()),
+        ]),
+        ..ReadOptions::default()
+    };
+    let quoted = |separator: &str| {
+        format!(
+            "\u{feff}# firmware: 7\n#\n# remark\n\n t{separator}\"u, volts\"{separator}y_nm{separator}x"
+        )
+    };
+    for (separator, end) in [(",", "\r\n"), (",", "\r"), (",", ",\n")] {
+        let text = quoted(separator) + end + &rows(separator, end) + ",,,\r\n\r\n";
+        let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)
+            .and_then(RowReader::into_log)
+            .unwrap_or_else(|error| panic!("{end:?}: {error}"));
+        assert_eq!(
+            (log.len(), log.displacement_m[3], log.command_v[3]),
+            (20, 1.5e-9, 3.0)
+        );
+        assert_eq!(log.meta.firmware.as_deref(), Some("7"));
+        assert!((log.dt_s - 0.005).abs() < 1e-16);
+    }
+    for separator in [";", "\t"] {
+        let mut options = options.clone();
+        options.columns.insert("command".into(), "u".into());
+        // The last line without its end.
+        let text = format!(
+            "t{separator}u{separator}y_nm{separator}x\n{}",
+            rows(separator, "\n")
+        );
+        let log = RowReader::from_csv(
+            Path::new("x"),
+            std::io::Cursor::new(text.trim_end().to_owned()),
+            &options,
+        )
+        .and_then(RowReader::into_log)
+        .expect("read");
+        assert_eq!(log.len(), 20);
+    }
+}
+
+#[test]
+fn units_come_from_the_name_and_the_option_goes_before_it() {
+    let read = |name: &str, scale: Option<f64>| {
+        let text = (0..20).fold(format!("command_V,{name}\n"), |text, k| {
+            text + &format!("{k},2\n")
+        });
+        let mut options = ReadOptions {
+            rate_hz: Some(1e3),
+            ..ReadOptions::default()
+        };
+        options.columns.insert("displacement".into(), name.into());
+        if let Some(scale) = scale {
+            options.scale.insert("displacement".into(), scale);
+        }
+        let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)
+            .and_then(RowReader::into_log)
+            .expect("read");
+        assert_eq!(log.dt_s, 1e-3);
+        log.displacement_m[0]
+    };
+    assert_eq!(read("y", None), 2e-6);
+    assert_eq!(read("y_um", None), 2e-6);
+    assert_eq!(read("y_m", None), 2.0);
+    assert_eq!(read("y_mm", None), 2e-3);
+    assert_eq!(read("y_nm", None), 2e-9);
+    assert_eq!(read("y_alarm", None), 2e-6);
+    assert_eq!(read("y_nm", Some(1e-6)), 2e-6);
+    assert_eq!(read("y_nm", Some(-2.5e-6)), -5e-6);
+}
+
+#[test]
+fn a_stated_rate_is_taken_where_the_times_agree_with_it() {
+    let read = |rate_hz: f64, step_s: f64| {
+        let text = (0..200).fold(
+            format!("# rate_hz: {rate_hz}\ntime_s,command_V,displacement_um\n"),
+            |text, k| text + &format!("{:.6},{k},{k}\n", f64::from(k) * step_s),
+        );
+        RowReader::from_csv(
+            Path::new("x"),
+            std::io::Cursor::new(text),
+            &ReadOptions::default(),
+        )
+        .and_then(RowReader::into_log)
+        .expect("read")
+    };
+    // 33.3 us in steps of 1 us: the rate is better than what the times say.
+    assert_eq!(read(3e4, 1.0 / 3e4).dt_s, 1.0 / 3e4);
+    let off = read(3e4, 1.0 / 2e4);
+    assert!((off.dt_s - 5e-5).abs() < 1e-18);
+    assert!(log::warnings(&off)[0].starts_with("x: rate_hz says 30000 Hz, the times say 20000"));
+}
+
+/// A ControlDesk capture, written by another program's code.
+fn capture(with_axis: bool) -> matrw::MatFile {
+    use matrw::{matfile, matvar};
+    let n = 40;
+    let ramp = |scale: f64| -> Vec<f64> { (0..n).map(|k| scale * f64::from(k)).collect() };
+    let axis = if with_axis { ramp(1e-3) } else { Vec::new() };
+    let capture = matvar!({ SamplingPeriod: 1e-3 });
+    let x = matvar!([
+        { Name: "T", Data: Vec::<f64>::new(), Raster: "slow" },
+        { Name: "T", Data: axis, Raster: "HostService" },
+    ]);
+    let y = matvar!([
+        { Name: "\"Model Root\"/\"Drive\"/u_V", Data: ramp(2.0), XIndex: 2 },
+        { Name: "\"Model Root\"/\"Sensor\"/y_um", Data: ramp(0.5), XIndex: 2 },
+        { Name: "\"Model Root\"/\"Other\"/y_um", Data: ramp(9.0), XIndex: 2 },
+        { Name: "\"Model Root\"/temperature", Data: ramp(1.0), XIndex: 1 },
+    ]);
+    matfile!(cap_001: matvar!({ X: x, Y: y, Capture: capture, Description: "a test" }))
+}
+
+#[test]
+fn a_controldesk_capture_is_read() {
+    let scratch = Scratch::new("dspace");
+    for (with_axis, compress) in [(true, false), (true, true), (false, true)] {
+        let path = scratch.file("capture.mat");
+        matrw::save_matfile_v7(path.to_str().expect("UTF-8"), capture(with_axis), compress)
+            .expect("saved");
+        let mut options = ReadOptions::default();
+        options.columns.insert("command".into(), "u_V".into());
+        options
+            .columns
+            .insert("displacement".into(), "Model Root/Sensor/y_um".into());
+        let log = log::read(&path, &options).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(
+            (log.len(), log.command_v[3], log.displacement_m[4]),
+            (40, 6.0, 2e-6)
+        );
+        assert!((log.dt_s - 1e-3).abs() < 1e-17);
+
+        options.columns.insert("displacement".into(), "y_um".into());
+        let message = log::read(&path, &options).expect_err("two").to_string();
+        assert!(
+            message.contains("2 columns answer to `y_um` (displacement)"),
+            "{message}"
+        );
+        options
+            .columns
+            .insert("displacement".into(), "temperature".into());
+        let message = log::read(&path, &options).expect_err("rasters").to_string();
+        assert!(
+            message.contains("temperature and u_V were captured in different rasters"),
+            "{message}"
+        );
+        options.columns.insert("displacement".into(), "z".into());
+        let message = log::read(&path, &options).expect_err("missing").to_string();
+        assert!(
+            message.contains(
+                "no column `z` (displacement); it has Model Root/Drive/u_V, Model Root/Sensor/y_um"
+            ),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn tables_of_numpy_are_read_by_index_in_both_orders() {
+    use npyz::WriterBuilder as _;
+    let write = |order: npyz::Order, values: &[f32]| {
+        let mut bytes = Vec::new();
+        let mut writer = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(&[20, 2])
+            .order(order)
+            .writer(&mut bytes)
+            .begin_nd()
+            .expect("begun");
+        writer.extend(values.iter()).expect("written");
+        writer.finish().expect("finished");
+        bytes
+    };
+    let by_row: Vec<f32> = (0..20).flat_map(|k| [k as f32, 0.5 * k as f32]).collect();
+    let by_column: Vec<f32> = (0..20)
+        .map(|k| k as f32)
+        .chain((0..20).map(|k| 0.5 * k as f32))
+        .collect();
+    let mut options = ReadOptions {
+        rate_hz: Some(6400.0),
+        ..ReadOptions::default()
+    };
+    options.columns.insert("command".into(), "0".into());
+    options.columns.insert("displacement".into(), "1".into());
+    for (order, values) in [(npyz::Order::C, by_row), (npyz::Order::Fortran, by_column)] {
+        let log = RowReader::from_npy(
+            Path::new("x"),
+            std::io::Cursor::new(write(order, &values)),
+            &options,
+        )
+        .and_then(RowReader::into_log)
+        .expect("read");
+        assert_eq!(
+            (log.len(), log.command_v[7], log.displacement_m[7]),
+            (20, 7.0, 3.5e-6)
+        );
+        assert_eq!(log.dt_s, 1.0 / 6400.0);
+    }
+}
+
+/// The measured data, kept beside the workspace and not in it.
+fn data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("not run: {} absent", path.display());
+    None
+}
+
+#[test]
+fn a_measured_csv_is_read() {
+    let Some(path) = data("piezo-micromanipulator-dbo/clean_Model.csv") else {
+        return;
+    };
+    let mut options = ReadOptions::default();
+    for (key, name) in [
+        ("time", "t_s"),
+        ("command", "u_V"),
+        ("displacement", "y_um"),
+    ] {
+        options.columns.insert(key.into(), name.into());
+    }
+    let log = log::read(&path, &options).expect("read");
+    assert_eq!((log.len(), log.time_start_s), (8027, 0.0));
+    assert!((log.dt_s - 0.005).abs() < 1e-15);
+    assert_eq!(
+        (log.command_v[1], log.displacement_m[1]),
+        (1.856539, -120.154262e-6)
+    );
+    assert_eq!(log::warnings(&log), Vec::<String>::new());
+}
+
+#[test]
+fn a_benchmarks_mat_file_is_read() {
+    let Some(path) = data("boucwen-benchmark/uval_multisine.mat") else {
+        return;
+    };
+    // One variable per file there: it stands for both columns here.
+    let mat = matrw::load_matfile(path.to_str().expect("UTF-8")).expect("matrw reads it");
+    let name = mat.iter().next().expect("a variable").0.clone();
+    let mut options = ReadOptions {
+        rate_hz: Some(750.0),
+        ..ReadOptions::default()
+    };
+    options.columns.insert("command".into(), name.clone());
+    options.columns.insert("displacement".into(), name.clone());
+    let log = log::read(&path, &options).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(log.len(), 8192);
+    assert_eq!(Some(log.command_v), mat[name.as_str()].to_vec_f64());
+}
+
+#[test]
+fn a_four_dimensional_array_is_refused_with_the_way_out() {
+    let Some(path) = data("fsm-cubespec/u_100mV_train.npy") else {
+        return;
+    };
+    let options = ReadOptions {
+        rate_hz: Some(6400.0),
+        ..ReadOptions::default()
+    };
+    assert_eq!(
+        log::read(&path, &options).expect_err("refused").to_string(),
+        format!(
+            "{}: the array has shape (8192, 3, 6, 2); save one realization as (samples, columns), or as a structured array with one field per column",
+            path.display()
+        )
+    );
+}
+
+proptest! {
+    /// Any finite numbers at all: a CSV loses nothing.
+    #[test]
+    fn csv_is_exact_for_any_number(values in prop::collection::vec(prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO, 16..40)) {
+        let scratch = Scratch::new("any");
+        // Below 1e-320 m a micrometre more than doubles the digits that an f64 has; above 1e300 m there is no um.
+        let path = scratch.file("log.csv");
+        let log = Log {
+            dt_s: 1e-3,
+            command_v: values.clone(),
+            displacement_m: values,
+            name: path.display().to_string(),
+            meta: Meta { rate_hz: Some(1e3), ..Meta::default() },
+            ..Log::default()
+        };
+        log::write(&path, &log).expect("written");
+        let back = log::read(&path, &ReadOptions::default()).expect("read");
+        let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        prop_assert_eq!(bits(&back.displacement_m), bits(&log.displacement_m));
+        prop_assert_eq!(bits(&back.command_v), bits(&log.command_v));
+    }
+}
