@@ -291,6 +291,12 @@ pub enum MarginError {
         /// As given.
         rate_hz: f64,
     },
+    /// The frequency response is lost in rounding: the coefficients are too many powers of ten apart.
+    #[error("region '{region}': its frequency response is lost in rounding; check the units")]
+    Unresolved {
+        /// Its label.
+        region: String,
+    },
     /// The eigenvalue iteration did not converge.
     #[error("region '{region}': the eigenvalues could not be computed")]
     NoEigenvalues {
@@ -304,7 +310,7 @@ pub fn margins(region: &LinearRegion, law: &Loop) -> Result<Margins, MarginError
     check_loop(law)?;
     check_region(region)?;
     let examined = Examined::new(region, law)?;
-    let curve = Curve::trace(&examined.sampled, &examined.time_scales);
+    let curve = examined.curve(region)?;
     let (stable, spectral_radius) = (examined.stable, examined.spectral_radius);
     let sign = if stable { 1.0 } else { -1.0 };
 
@@ -398,7 +404,7 @@ fn worst_gain_margin_db(
         if !examined.stable {
             return Ok(None);
         }
-        let curve = Curve::trace(&examined.sampled, &examined.time_scales);
+        let curve = examined.curve(region)?;
         let limits = examined.gain_limits(&curve.critical_gains());
         let region_db = limits
             .upper_db
@@ -456,6 +462,12 @@ impl Examined {
             time_scales,
             spectral_radius,
             stable: is_stable(spectral_radius),
+        })
+    }
+
+    fn curve(&self, region: &LinearRegion) -> Result<Curve<'_>, MarginError> {
+        Curve::trace(&self.sampled, &self.time_scales).ok_or_else(|| MarginError::Unresolved {
+            region: region.label.clone(),
         })
     }
 
