@@ -21,6 +21,23 @@
 //! **Signs and infinities.** No number here is ever NaN. For a stable loop every margin is positive and infinite where nothing
 //! limits it. For an unstable loop each is the negative distance back: -4 dB of gain margin means that 4 dB less gain would
 //! stabilise it, and minus infinity that no lower gain would.
+//!
+//! ```
+//! use plant_sim::margins::{HysteronCoefficients, Loop, PlantCoefficients, assess, nearest_stable};
+//!
+//! let plant = PlantCoefficients {
+//!     mass_kg: 1.0148e-3,
+//!     stiffness_n_per_m: 24579.0,
+//!     damping_n_s_per_m: 3.7356,
+//!     alpha_c_per_m: 0.046311,
+//!     hysterons: vec![HysteronCoefficients { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4 }],
+//! };
+//! let regions = plant.regions()?;
+//! let law = Loop { kp_v_per_m: 8.5811e5, ki_v_per_m_s: 9.6755e8, rate_hz: 10e3, delay_s: 10e-6 };
+//! println!("{}", assess(&regions, &law)?);
+//! println!("{}", nearest_stable(&regions, &law, 170_000_000)?);
+//! # Ok::<(), plant_sim::margins::MarginError>(())
+//! ```
 
 mod curve;
 mod delay;

@@ -689,7 +689,7 @@ fn same(left: &Margins, right: &Margins, relative: f64) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 32, ..ProptestConfig::default() })]
 
     /// A drive unit s times larger with gains s times smaller is the same loop.
     #[test]
