@@ -21,6 +21,23 @@
 //! **Signs and infinities.** No number here is ever NaN. For a stable loop every margin is positive and infinite where nothing
 //! limits it. For an unstable loop each is the negative distance back: -4 dB of gain margin means that 4 dB less gain would
 //! stabilise it, and minus infinity that no lower gain would.
+//!
+//! ```
+//! use plant_sim::margins::{HysteronCoefficients, Loop, PlantCoefficients, assess, nearest_stable};
+//!
+//! let plant = PlantCoefficients {
+//!     mass_kg: 1.0148e-3,
+//!     stiffness_n_per_m: 24579.0,
+//!     damping_n_s_per_m: 3.7356,
+//!     alpha_c_per_m: 0.046311,
+//!     hysterons: vec![HysteronCoefficients { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4 }],
+//! };
+//! let regions = plant.regions()?;
+//! let law = Loop { kp_v_per_m: 8.5811e5, ki_v_per_m_s: 9.6755e8, rate_hz: 10e3, delay_s: 10e-6 };
+//! println!("{}", assess(&regions, &law)?);
+//! println!("{}", nearest_stable(&regions, &law, 170_000_000)?);
+//! # Ok::<(), plant_sim::margins::MarginError>(())
+//! ```
 
 mod curve;
 mod delay;
@@ -291,6 +308,12 @@ pub enum MarginError {
         /// As given.
         rate_hz: f64,
     },
+    /// The frequency response is lost in rounding: the coefficients are too many powers of ten apart.
+    #[error("region '{region}': its frequency response is lost in rounding; check the units")]
+    Unresolved {
+        /// Its label.
+        region: String,
+    },
     /// The eigenvalue iteration did not converge.
     #[error("region '{region}': the eigenvalues could not be computed")]
     NoEigenvalues {
@@ -304,7 +327,7 @@ pub fn margins(region: &LinearRegion, law: &Loop) -> Result<Margins, MarginError
     check_loop(law)?;
     check_region(region)?;
     let examined = Examined::new(region, law)?;
-    let curve = Curve::trace(&examined.sampled, &examined.time_scales);
+    let curve = examined.curve(region)?;
     let (stable, spectral_radius) = (examined.stable, examined.spectral_radius);
     let sign = if stable { 1.0 } else { -1.0 };
 
@@ -398,7 +421,7 @@ fn worst_gain_margin_db(
         if !examined.stable {
             return Ok(None);
         }
-        let curve = Curve::trace(&examined.sampled, &examined.time_scales);
+        let curve = examined.curve(region)?;
         let limits = examined.gain_limits(&curve.critical_gains());
         let region_db = limits
             .upper_db
@@ -456,6 +479,12 @@ impl Examined {
             time_scales,
             spectral_radius,
             stable: is_stable(spectral_radius),
+        })
+    }
+
+    fn curve(&self, region: &LinearRegion) -> Result<Curve<'_>, MarginError> {
+        Curve::trace(&self.sampled, &self.time_scales).ok_or_else(|| MarginError::Unresolved {
+            region: region.label.clone(),
         })
     }
 

@@ -11,6 +11,9 @@ use super::search;
 const FINEST_TURN: f64 = 0.15;
 /// A step is halved at most this often: past a pole on the unit circle no halving makes it small.
 const MAX_HALVINGS: u32 = 24;
+/// More points than this between two neighbours of the first grid mean that L is lost in rounding, and halving shows only more of it.
+/// A pole on the circle takes a few hundred.
+const MAX_POINTS_IN_STEP: usize = 2000;
 /// The last point before the Nyquist frequency, where the curve reaches the real axis of itself; that end is looked at by its own.
 /// The size of L is even about that frequency, so a crossing nearer than this differs from the end by 1e-12.
 const LAST_ANGLE: f64 = PI * (1.0 - 1e-6);
@@ -31,8 +34,8 @@ pub(super) struct CriticalGain {
 impl<'a> Curve<'a> {
     /// Traces the curve from well below the slowest of `eigenvalues` (of the plant and of the closed loop) up to Nyquist: on a
     /// logarithmic and a linear grid, around every eigenvalue however narrow its resonance, and halving until the curve turns
-    /// little from point to point.
-    pub(super) fn trace(sampled: &'a SampledLoop, eigenvalues: &[Complex<f64>]) -> Self {
+    /// little from point to point. `None` if the curve cannot be resolved because rounding hides it.
+    pub(super) fn trace(sampled: &'a SampledLoop, eigenvalues: &[Complex<f64>]) -> Option<Self> {
         // Closer to 1 than rounding tells from 1 is the memory of a hysteron, and no time scale.
         let distances = eigenvalues
             .iter()
@@ -73,12 +76,16 @@ impl<'a> Curve<'a> {
         for angle in angles {
             let value = sampled.open_loop(angle);
             if let Some(previous) = previous {
-                curve.halve(previous, (angle, value), MAX_HALVINGS);
+                let most_points = curve.angles.len() + MAX_POINTS_IN_STEP;
+                curve.halve(previous, (angle, value), MAX_HALVINGS, most_points);
+                if curve.angles.len() >= most_points {
+                    return None;
+                }
             }
             curve.push(angle, value);
             previous = Some((angle, value));
         }
-        curve
+        Some(curve)
     }
 
     fn push(&mut self, angle: f64, value: Complex<f64>) {
@@ -86,17 +93,24 @@ impl<'a> Curve<'a> {
         self.values.push(value);
     }
 
-    fn halve(&mut self, left: (f64, Complex<f64>), right: (f64, Complex<f64>), halvings_left: u32) {
+    fn halve(
+        &mut self,
+        left: (f64, Complex<f64>),
+        right: (f64, Complex<f64>),
+        halvings_left: u32,
+        most_points: usize,
+    ) {
         let change = (right.1 / left.1).ln();
         let is_smooth = change.re.abs() < FINEST_TURN && change.im.abs() < FINEST_TURN;
-        if halvings_left == 0 || is_smooth || !change.re.is_finite() || !change.im.is_finite() {
+        let is_finite = change.re.is_finite() && change.im.is_finite();
+        if halvings_left == 0 || is_smooth || !is_finite || self.angles.len() >= most_points {
             return;
         }
         let angle = 0.5 * (left.0 + right.0);
         let middle = (angle, self.sampled.open_loop(angle));
-        self.halve(left, middle, halvings_left - 1);
+        self.halve(left, middle, halvings_left - 1, most_points);
         self.push(middle.0, middle.1);
-        self.halve(middle, right, halvings_left - 1);
+        self.halve(middle, right, halvings_left - 1, most_points);
     }
 
     /// All gain factors at which an eigenvalue of the closed loop lies on the unit circle, smallest first: there `gain L = -1`.

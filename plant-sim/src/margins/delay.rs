@@ -109,7 +109,10 @@ fn starts(
         let Some(sampled) = SampledLoop::new(region, &Loop { delay_s, ..*law }) else {
             continue;
         };
-        for (angle, value) in Curve::trace(&sampled, eigenvalues).unity_crossings() {
+        let Some(curve) = Curve::trace(&sampled, eigenvalues) else {
+            continue;
+        };
+        for (angle, value) in curve.unity_crossings() {
             let omega = angle * law.rate_hz;
             starts.push(Start {
                 critical_delay_s: delay_s + (-value).arg() / omega,

@@ -106,14 +106,16 @@ pub fn nearest_stable(
             .flatten()
     };
 
-    let divides = |rate_hz: &u32| timer_clock_hz.is_multiple_of(*rate_hz);
+    // Zero is a multiple of everything, but no clock.
+    let divides = |rate_hz: &u32| timer_clock_hz > 0 && timer_clock_hz.is_multiple_of(*rate_hz);
     let mut rates_hz: Vec<f64> = RATES_HZ
         .step_by(RATE_STEP_HZ as usize)
         .filter(divides)
         .map(f64::from)
         .collect();
-    let asked_divides =
-        f64::from(timer_clock_hz) % law.rate_hz == 0.0 && law.rate_hz.fract() == 0.0;
+    let asked_divides = law.rate_hz.fract() == 0.0
+        && law.rate_hz <= f64::from(u32::MAX)
+        && divides(&(law.rate_hz as u32));
     if asked_divides && !rates_hz.contains(&law.rate_hz) {
         rates_hz.push(law.rate_hz);
     }
