@@ -196,7 +196,10 @@ fn codes(field: &'static str, bits: u8) -> Result<i32, SettingsError> {
     match bits {
         12..=16 => Ok(1 << bits),
         17.. => Err(SettingsError::TooLarge { field, at_most: 16 }),
-        _ => Err(SettingsError::NotPositive { field }),
+        _ => Err(SettingsError::TooSmall {
+            field,
+            at_least: 12,
+        }),
     }
 }
 
@@ -335,7 +338,10 @@ mod tests {
                     dac_bits: 0,
                     ..good
                 },
-                SettingsError::NotPositive { field: "dac_bits" },
+                SettingsError::TooSmall {
+                    field: "dac_bits",
+                    at_least: 12,
+                },
             ),
             (
                 CalibrationSettings {
