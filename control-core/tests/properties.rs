@@ -356,7 +356,7 @@ fn any_wish() -> impl Strategy<Value = Vec<f32>> {
                     Piece::Sine {
                         amplitude,
                         turns_per_sample,
-                    } => amplitude * (6.283 * turns_per_sample * k).sin(),
+                    } => amplitude * (core::f32::consts::TAU * turns_per_sample * k).sin(),
                     Piece::Jump(by) => start + by,
                 };
                 wish.push(last);
