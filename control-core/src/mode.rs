@@ -322,21 +322,16 @@ impl Controller {
             }
             Mode::Running { law, generator } => {
                 let last_v = law.drive_v();
-                let output = match input.command {
-                    Command::Reference { reference_m } => {
-                        self.law.step(law, reference_m, input.measured_m)
-                    }
-                    Command::Drive { drive_v } => {
-                        self.law.step_open(law, drive_v, input.measured_m)
-                    }
-                    Command::GeneratedReference(source) => {
-                        let reference_m = source.next(generator);
-                        self.law.step(law, reference_m, input.measured_m)
-                    }
-                    Command::GeneratedDrive(source) => {
-                        let drive_v = source.next(generator);
-                        self.law.step_open(law, drive_v, input.measured_m)
-                    }
+                let (is_closed, wish) = match input.command {
+                    Command::Reference { reference_m } => (true, reference_m),
+                    Command::Drive { drive_v } => (false, drive_v),
+                    Command::GeneratedReference(source) => (true, source.next(generator)),
+                    Command::GeneratedDrive(source) => (false, source.next(generator)),
+                };
+                let output = if is_closed {
+                    self.law.step(law, wish, input.measured_m)
+                } else {
+                    self.law.step_open(law, wish, input.measured_m)
                 };
                 if !output.limited_by.is_safe_state() {
                     return output;

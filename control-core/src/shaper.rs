@@ -252,7 +252,7 @@ impl Shaper {
         let wish = if distance.abs() <= self.acceleration_per_sample2 {
             step
         } else {
-            target_velocity + with_sign(self.approach(distance.abs()), distance)
+            target_velocity + with_sign(self.approach_from_afar(distance.abs()), distance)
         };
 
         // Rate and clamp bound the speed in the direction of the wish; the acceleration bounds the velocity, and goes last,
@@ -281,7 +281,7 @@ impl Shaper {
         let reference = if self.holds(moved) {
             moved
         } else {
-            between(moved, -self.clamp, self.clamp)
+            with_sign(self.clamp, moved)
         };
         *state = ShaperState {
             reference,
@@ -308,8 +308,14 @@ impl Shaper {
         if distance <= 2.0 * self.half_planned {
             distance
         } else {
-            sqrt_below(self.twice_planned * distance) - self.half_planned
+            self.approach_from_afar(distance)
         }
+    }
+
+    /// f(d) where the distance is known to be beyond a.
+    #[inline(always)]
+    fn approach_from_afar(&self, distance: f32) -> f32 {
+        sqrt_below(self.twice_planned * distance) - self.half_planned
     }
 }
 
