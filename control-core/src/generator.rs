@@ -669,6 +669,8 @@ mod tests {
             (20e3, 100.0, 100),
             (1e6, 50.0, 10_000),
             (40e3, 20e3, 1),
+            // 1/6 is rounded down in f64: without the half unit at the start every edge would be a sample late.
+            (30e3, 5e3, 3),
         ] {
             let segments = [made(Segment::square(rate_hz, 2.0, frequency_hz, 1))];
             let samples = half * 2 * 1000;

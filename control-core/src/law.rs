@@ -193,3 +193,103 @@ impl Law {
 fn is_number(x: f32) -> bool {
     x.abs() <= f32::MAX
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(rate_hz: f32) -> Settings {
+        Settings {
+            rate_hz,
+            kp_v_per_m: 2.3164e4,
+            ki_v_per_m_s: 1.8384e8,
+            feedforward_v_per_m: 530_737.0,
+            drive_min_v: -90.0,
+            drive_max_v: 90.0,
+            slew_v_per_s: 2e5,
+            reference_max_m: 100e-6,
+            reference_rate_m_per_s: 0.1,
+            reference_acceleration_m_per_s2: 200.0,
+            trip_m: 120e-6,
+            stop_time_s: 0.0,
+        }
+    }
+
+    fn build(settings: &Settings) -> Law {
+        Law::try_build(settings).expect("sound settings")
+    }
+
+    #[test]
+    fn the_limits_say_what_acted() {
+        let law = build(&settings(20e3));
+        let mut state = LawState::default();
+        // 0.5 um of reference in the first sample (a T^2): 0.27 V of feedforward and 0.016 V more.
+        let output = law.step(&mut state, 80e-6, 0.0);
+        assert_eq!(output.limited_by, Limits::REFERENCE_ACCELERATION);
+        let output = law.step(&mut state, 1.0, 0.0);
+        assert!(output.limited_by.contains(Limits::REFERENCE_CLAMP));
+        for _ in 0..8 {
+            law.step(&mut state, 1.0, 0.0);
+        }
+        // 10 samples at 0.5 um per sample^2: the rate of 5 um per sample is reached.
+        let output = law.step(&mut state, 1.0, 0.0);
+        assert_eq!(
+            output.limited_by,
+            Limits::REFERENCE_CLAMP | Limits::REFERENCE_RATE
+        );
+        // 1e5 samples of a sensor stuck at 0: 53 V of feedforward, the integral fills the rest.
+        for _ in 0..100_000 {
+            law.step(&mut state, 1.0, 0.0);
+        }
+        let output = law.step(&mut state, 100e-6, 0.0);
+        assert_eq!(output.limited_by, Limits::VOLT);
+        assert_eq!(output.drive_v, 90.0);
+    }
+
+    #[test]
+    fn a_moving_reference_keeps_its_speed_when_the_rate_changes() {
+        let (slow, fast) = (build(&settings(20e3)), build(&settings(40e3)));
+        let mut state = LawState::default();
+        for _ in 0..12 {
+            slow.step(&mut state, 80e-6, 0.0);
+        }
+        let before_m = state.reference_m();
+        fast.take_over(&slow, &mut state);
+        fast.step(&mut state, 80e-6, 0.0);
+        // 0.1 m/s are 2.5 um at 40 kHz. The reference is near 35 um, where f32 steps by 3.6e-12.
+        let moved_m = state.reference_m() - before_m;
+        assert!((moved_m - 2.5e-6).abs() < 8e-12, "{moved_m}");
+    }
+
+    #[test]
+    fn a_fresh_state_forgets_a_trip() {
+        let law = build(&settings(20e3));
+        let mut state = LawState::default();
+        assert!(
+            law.step(&mut state, 0.0, 200e-6)
+                .limited_by
+                .contains(Limits::TRIP)
+        );
+        assert_eq!(state.latched(), Limits::TRIP);
+        assert!(
+            law.step(&mut state, 0.0, 0.0)
+                .limited_by
+                .contains(Limits::TRIP)
+        );
+        state = LawState::default();
+        assert!(law.step(&mut state, 0.0, 0.0).limited_by.is_empty());
+    }
+
+    #[test]
+    fn an_error_names_the_shaping_too() {
+        let spoiled = Settings {
+            reference_acceleration_m_per_s2: -1.0,
+            ..settings(20e3)
+        };
+        let field = "reference_acceleration_m_per_s2";
+        assert_eq!(
+            Law::try_build(&spoiled),
+            Err(SettingsError::NotPositive { field })
+        );
+    }
+}

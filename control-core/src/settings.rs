@@ -100,12 +100,12 @@ impl Settings {
         above_zero("trip_m", self.trip_m)?;
         finite_from_zero("stop_time_s", self.stop_time_s)?;
         // 0 V at the actuator is the safe level, so it has to be reachable.
-        if !(self.drive_min_v <= 0.0) {
+        if self.drive_min_v.is_nan() || self.drive_min_v > 0.0 {
             return Err(SettingsError::ZeroOutside {
                 field: "drive_min_v",
             });
         }
-        if !(self.drive_max_v >= 0.0) {
+        if self.drive_max_v.is_nan() || self.drive_max_v < 0.0 {
             return Err(SettingsError::ZeroOutside {
                 field: "drive_max_v",
             });
@@ -153,6 +153,13 @@ pub enum SettingsError {
     ShapingWithoutClamp,
     /// The acceleration is so small beside the rate (per sample, below rate / 65536) that f32 could not brake.
     AccelerationTooSmall,
+    /// The number is below what is supported; `at_least` says what is.
+    TooSmall {
+        /// The field at fault.
+        field: &'static str,
+        /// The least supported value.
+        at_least: u32,
+    },
     /// The number is beyond what is supported; `at_most` says what is.
     TooLarge {
         /// The field at fault.
@@ -180,6 +187,9 @@ impl fmt::Display for SettingsError {
             SettingsError::AccelerationTooSmall => f.write_str(
                 "reference_acceleration_m_per_s2 / rate_hz must be at least reference_rate_m_per_s / 65536",
             ),
+            SettingsError::TooSmall { field, at_least } => {
+                write!(f, "{field} must be at least {at_least}")
+            }
             SettingsError::TooLarge { field, at_most } => {
                 write!(f, "{field} must be at most {at_most}")
             }
