@@ -1,2 +1,36 @@
-//! The hysteron command.
-fn main() {}
+//! The `hysteron` command: reads arguments, calls the rooms, prints. It computes nothing itself.
+//!
+//! Exit codes: 0 done; 2 wrong call; 3 bad input file; 4 did not converge. Errors are one line on standard error.
+
+mod arguments;
+mod commands;
+mod failure;
+mod output;
+
+use arguments::{Arguments, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and version are answers, not errors; clap prints both kinds to where they belong.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { failure::WRONG_CALL } else { 0 });
+        }
+    };
+    let done = match arguments.command {
+        None => commands::demo(),
+        Some(Command::Simulate(call)) => commands::simulate(&call),
+        Some(Command::Replay(call)) => commands::replay(&call),
+        Some(Command::Identify(call)) => commands::identify(&call),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("hysteron: {}", failure.line());
+            ExitCode::from(failure.code)
+        }
+    }
+}

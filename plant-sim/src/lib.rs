@@ -5,6 +5,7 @@
 pub mod chain;
 pub mod controller;
 pub mod exact;
+pub mod experiment;
 pub mod log;
 pub mod margins;
 pub mod metrics;

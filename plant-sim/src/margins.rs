@@ -1,6 +1,6 @@
 //! Stability and margins of the sampled loop: the plant, a PI law at a rate, and the delay from sampling to the new drive.
 //!
-//! What it does: for each linear region of the plant (which hysterons are outside their dead zone, [`PlantCoefficients::regions`]) the exact
+//! What it does: for each linear region of the plant (which hysterons are outside their dead zone, [`crate::phs::Phs::linear_regions`]) the exact
 //! sampled loop, its eigenvalues, and its gain, phase, delay and modulus margins; over all regions a verdict; and, for a loop
 //! that does not do, the nearest rate and delay that would.
 //!
@@ -23,16 +23,17 @@
 //! stabilise it, and minus infinity that no lower gain would.
 //!
 //! ```
-//! use plant_sim::margins::{HysteronCoefficients, Loop, PlantCoefficients, assess, nearest_stable};
+//! use plant_sim::margins::{Loop, assess, nearest_stable};
+//! use plant_sim::phs::{Hysteron, Phs};
 //!
-//! let plant = PlantCoefficients {
+//! let plant = Phs {
 //!     mass_kg: 1.0148e-3,
 //!     stiffness_n_per_m: 24579.0,
 //!     damping_n_s_per_m: 3.7356,
-//!     alpha_c_per_m: 0.046311,
-//!     hysterons: vec![HysteronCoefficients { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4 }],
+//!     transduction_c_per_m: 0.046311,
+//!     hysterons: vec![Hysteron { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4, dead_zone_v: 10.0 }],
 //! };
-//! let regions = plant.regions()?;
+//! let regions = plant.linear_regions()?;
 //! let law = Loop { kp_v_per_m: 8.5811e5, ki_v_per_m_s: 9.6755e8, rate_hz: 10e3, delay_s: 10e-6 };
 //! println!("{}", assess(&regions, &law)?);
 //! println!("{}", nearest_stable(&regions, &law, 170_000_000)?);
@@ -50,7 +51,7 @@ use std::fmt;
 
 use nalgebra::Complex;
 
-pub use region::{HysteronCoefficients, LinearRegion, PlantCoefficients};
+pub use region::LinearRegion;
 pub use suggest::{Suggestion, nearest_stable};
 
 use curve::{CriticalGain, Curve};

@@ -118,6 +118,25 @@ pub enum Shape {
     },
 }
 
+impl Shape {
+    /// The kind as a SPEC spells it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Shape::Zero => "zero",
+            Shape::Hold => "hold",
+            Shape::Step => "step",
+            Shape::Square { .. } => "square",
+            Shape::Sine { .. } => "sine",
+            Shape::Triangle { .. } => "triangle",
+            Shape::Sweep { .. } => "sweep",
+            Shape::Ladder { .. } => "ladder",
+            Shape::Multisine { .. } => "multisine",
+            Shape::MinorLoops { .. } => "minor-loops",
+            Shape::File { .. } => "file",
+        }
+    }
+}
+
 /// Why a SPEC can't be used; the message names the part.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("SPEC part {part:?}: {reason}")]
@@ -157,6 +176,14 @@ impl Spec {
     /// Whether any part asks for shaping.
     pub fn shaped(&self) -> bool {
         self.parts.iter().any(|p| p.shaped)
+    }
+}
+
+impl std::str::FromStr for Spec {
+    type Err = SpecError;
+
+    fn from_str(text: &str) -> Result<Self, SpecError> {
+        Self::parse(text)
     }
 }
 
@@ -281,7 +308,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 fn parse_amplitude(text: &str) -> Result<(f64, Unit), String> {
     if let Some(value) = text.strip_suffix("um") {
-        Ok((number(value)? * 1e-6, Unit::Micrometre))
+        Ok((number(value)? / 1e6, Unit::Micrometre))
     } else if let Some(value) = text.strip_suffix('V') {
         Ok((number(value)?, Unit::Volt))
     } else {
@@ -475,7 +502,7 @@ mod tests {
             ("step:80", "needs its unit"),
             ("step", "needs an amplitude"),
             ("sine:20um", "needs a frequency"),
-            ("sine:20um@-5Hz", "must"),
+            ("sine:20um@-5Hz", "not a number"),
             ("sweep:20V@2000-1Hz/4s", "upwards"),
             ("step:80um+zero", "needs a length"),
             ("step:80um@1s+hold:2V", "mixes um and V"),

@@ -3,35 +3,33 @@
 
 use nalgebra::{Complex, DMatrix, DVector, RowDVector};
 use plant_sim::margins::{
-    HysteronCoefficients, LinearRegion, Loop, MarginError, Margins, PlantCoefficients, Suggestion,
-    Verdict, assess, margins, nearest_stable,
+    LinearRegion, Loop, MarginError, Margins, Suggestion, Verdict, assess, margins, nearest_stable,
 };
+use plant_sim::phs::{Hysteron, Phs};
 use proptest::prelude::*;
 
 const TIMER_CLOCK_HZ: u32 = 170_000_000;
 
 /// Table 2.1 of the thesis.
-fn thesis_plant() -> PlantCoefficients {
-    PlantCoefficients {
+fn thesis_plant() -> Phs {
+    Phs {
         mass_kg: 1.0148e-3,
         stiffness_n_per_m: 24579.0,
         damping_n_s_per_m: 3.7356,
-        alpha_c_per_m: 0.046311,
+        transduction_c_per_m: 0.046311,
         hysterons: vec![
-            HysteronCoefficients {
+            Hysteron {
                 capacitance_f: 5.6425e-7,
-                slope_s: 0.6002,
-            },
-            HysteronCoefficients {
+                slope_s: 0.6002, dead_zone_v: 10.0 },
+            Hysteron {
                 capacitance_f: 5.2125e-7,
-                slope_s: 1.1528e-4,
-            },
+                slope_s: 1.1528e-4, dead_zone_v: 10.0 },
         ],
     }
 }
 
 fn thesis_regions() -> Vec<LinearRegion> {
-    thesis_plant().regions().expect("the thesis plant is valid")
+    thesis_plant().linear_regions().expect("the thesis plant is valid")
 }
 
 fn all_active() -> LinearRegion {
@@ -366,7 +364,7 @@ fn inactive_hysterons_kept_as_states_are_eigenvalues_of_exactly_one() {
         for law in [pi_1(20e3, 10.0), pi_1(40e3, 62.5), pi_2(5e3, 10.0)] {
             let kept = examine(&unreduced, &law);
             assert_eq!(at_one(&kept), n_inactive, "{:?}", kept.eigenvalues);
-            let reduced = examine(&plant.region(&active).expect("valid"), &law);
+            let reduced = examine(&plant.linear_region(&active).expect("valid"), &law);
             assert_eq!(at_one(&reduced), 0);
             // The rest of the spectrum is the same; modes near 0 (a spent electrical mode, a held-back drive) are ill-conditioned.
             for z in reduced.eigenvalues.iter().filter(|z| z.norm() > 1e-3) {
@@ -623,12 +621,12 @@ fn bad_input_is_named() {
     ));
     let mut plant = thesis_plant();
     plant.mass_kg = -1.0;
-    let said = plant.regions().expect_err("a negative mass").to_string();
+    let said = plant.linear_regions().expect_err("a negative mass").to_string();
     assert_eq!(said, "mass_kg must be positive, not -1");
     plant = thesis_plant();
     plant.hysterons = vec![plant.hysterons[0]; 17];
     assert!(matches!(
-        plant.regions(),
+        plant.linear_regions(),
         Err(MarginError::TooManyHysterons {
             n_hysterons: 17,
             ..
@@ -642,11 +640,10 @@ fn factor(spread: f64) -> impl Strategy<Value = f64> {
 }
 
 /// The thesis plant with every coefficient moved by a factor of up to three, and up to three hysterons of any kind.
-fn plants() -> impl Strategy<Value = PlantCoefficients> {
-    let hysteron = (factor(3.0), factor(300.0)).prop_map(|(c, beta)| HysteronCoefficients {
+fn plants() -> impl Strategy<Value = Phs> {
+    let hysteron = (factor(3.0), factor(300.0)).prop_map(|(c, beta)| Hysteron {
         capacitance_f: 5e-7 * c,
-        slope_s: 8e-3 * beta,
-    });
+        slope_s: 8e-3 * beta, dead_zone_v: 10.0 });
     (
         factor(3.0),
         factor(3.0),
@@ -655,11 +652,11 @@ fn plants() -> impl Strategy<Value = PlantCoefficients> {
         prop::collection::vec(hysteron, 0..4),
     )
         .prop_map(
-            |(mass, stiffness, damping, alpha, hysterons)| PlantCoefficients {
+            |(mass, stiffness, damping, alpha, hysterons)| Phs {
                 mass_kg: 1e-3 * mass,
                 stiffness_n_per_m: 24e3 * stiffness,
                 damping_n_s_per_m: 3.7 * damping,
-                alpha_c_per_m: 0.046 * alpha,
+                transduction_c_per_m: 0.046 * alpha,
                 hysterons,
             },
         )
@@ -694,7 +691,7 @@ proptest! {
     /// A drive unit s times larger with gains s times smaller is the same loop.
     #[test]
     fn only_the_loop_gain_counts(plant in plants(), law in laws(), scale in factor(1e6)) {
-        for region in plant.regions().expect("positive coefficients") {
+        for region in plant.linear_regions().expect("positive coefficients") {
             let mut scaled = region.clone();
             scaled.b *= scale;
             let weaker =
@@ -712,7 +709,7 @@ proptest! {
         law in laws(),
         scales in prop::collection::vec(factor(1e5), 5),
     ) {
-        for region in plant.regions().expect("positive coefficients") {
+        for region in plant.linear_regions().expect("positive coefficients") {
             let n_states = region.a.nrows();
             let scaled = LinearRegion {
                 label: region.label.clone(),
@@ -728,7 +725,7 @@ proptest! {
     /// Every finite margin, used up, puts an eigenvalue on the circle; part of it does not.
     #[test]
     fn margins_are_where_stability_ends(plant in plants(), law in laws(), part in 0.02..0.98) {
-        for region in plant.regions().expect("positive coefficients") {
+        for region in plant.linear_regions().expect("positive coefficients") {
             let found = examine(&region, &law);
             let gains = [Some(found.gain_margin_db), found.lower_gain_margin_db];
             for gain_db in gains.into_iter().flatten().filter(|gain_db| gain_db.is_finite()) {
@@ -766,18 +763,18 @@ proptest! {
         kp_v_per_m in -1e12..1e12,
         ki_v_per_m_s in prop_oneof![Just(0.0), -1e12..1e12],
     ) {
-        let plant = PlantCoefficients {
+        let plant = Phs {
             mass_kg: numbers[0],
             stiffness_n_per_m: numbers[1],
             damping_n_s_per_m: numbers[2],
-            alpha_c_per_m: numbers[3],
+            transduction_c_per_m: numbers[3],
             hysterons: numbers[4..]
                 .chunks(2)
-                .map(|pair| HysteronCoefficients { capacitance_f: pair[0], slope_s: pair[1] })
+                .map(|pair| Hysteron { capacitance_f: pair[0], slope_s: pair[1], dead_zone_v: 10.0 })
                 .collect(),
         };
         let law = Loop { kp_v_per_m, ki_v_per_m_s, rate_hz, delay_s: delay_samples / rate_hz };
-        for region in &plant.regions().expect("positive coefficients") {
+        for region in &plant.linear_regions().expect("positive coefficients") {
             if let Ok(found) = margins(region, &law) {
                 let numbers = [
                     found.spectral_radius,

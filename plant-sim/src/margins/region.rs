@@ -23,6 +23,7 @@
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 use super::MarginError;
+use crate::phs::{Hysteron, Phs};
 
 /// More hysterons than this would mean more than 65536 regions, which is a mistake in the caller rather than a plant.
 const MAX_HYSTERONS: usize = 16;
@@ -41,33 +42,10 @@ pub struct LinearRegion {
     pub c: RowDVector<f64>,
 }
 
-/// What the margins need to know of one hysteron; its dead-zone width moves equilibria, not poles.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HysteronCoefficients {
-    /// Capacitance C_i.
-    pub capacitance_f: f64,
-    /// Slope beta_i of the admittance outside the dead zone.
-    pub slope_s: f64,
-}
-
-/// What the margins need to know of a port-Hamiltonian hysteron plant.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlantCoefficients {
-    /// Moving mass M.
-    pub mass_kg: f64,
-    /// Stiffness k.
-    pub stiffness_n_per_m: f64,
-    /// Damping b.
-    pub damping_n_s_per_m: f64,
-    /// Transduction factor alpha.
-    pub alpha_c_per_m: f64,
-    /// The hysterons, in the order in which labels count them from 1.
-    pub hysterons: Vec<HysteronCoefficients>,
-}
-
-impl PlantCoefficients {
+/// Linear regions of the plant.
+impl Phs {
     /// All `2^n` regions: the one with every hysteron active first, the one with none active last.
-    pub fn regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
+    pub fn linear_regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
         let n_hysterons = self.hysterons.len();
         if n_hysterons > MAX_HYSTERONS {
             return Err(MarginError::TooManyHysterons {
@@ -79,20 +57,20 @@ impl PlantCoefficients {
             .rev()
             .map(|mask| {
                 let active: Vec<bool> = (0..n_hysterons).map(|i| mask >> i & 1 == 1).collect();
-                self.region(&active)
+                self.linear_region(&active)
             })
             .collect()
     }
 
     /// The region with exactly the hysterons marked in `active` outside their dead zone; states `q, w, v` of the active ones.
     /// Hysterons beyond the end of `active` count as inactive.
-    pub fn region(&self, active: &[bool]) -> Result<LinearRegion, MarginError> {
-        self.check()?;
+    pub fn linear_region(&self, active: &[bool]) -> Result<LinearRegion, MarginError> {
+        self.check_coefficients()?;
         let is_active = |hysteron_idx: &usize| active.get(*hysteron_idx).copied().unwrap_or(false);
         let (active_idxs, inactive_idxs): (Vec<usize>, Vec<usize>) =
             (0..self.hysterons.len()).partition(is_active);
 
-        let alpha = self.alpha_c_per_m;
+        let alpha = self.transduction_c_per_m;
         let added_stiffness: f64 = inactive_idxs
             .iter()
             .map(|&i| alpha * alpha / self.hysterons[i].capacitance_f)
@@ -103,10 +81,7 @@ impl PlantCoefficients {
         a[(1, 0)] = -(self.stiffness_n_per_m + added_stiffness) / self.mass_kg;
         a[(1, 1)] = -self.damping_n_s_per_m / self.mass_kg;
         for (state_idx, &i) in (2..).zip(&active_idxs) {
-            let HysteronCoefficients {
-                capacitance_f,
-                slope_s,
-            } = self.hysterons[i];
+            let Hysteron { capacitance_f, slope_s, .. } = self.hysterons[i];
             a[(1, state_idx)] = -alpha / self.mass_kg;
             a[(state_idx, 1)] = alpha / capacitance_f;
             a[(state_idx, state_idx)] = -slope_s / capacitance_f;
@@ -123,7 +98,7 @@ impl PlantCoefficients {
         })
     }
 
-    fn check(&self) -> Result<(), MarginError> {
+    fn check_coefficients(&self) -> Result<(), MarginError> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         // A plant without damping of its own is legitimate: the hysterons damp it.
         let not_negative = |value: f64| value.is_finite() && value >= 0.0;
@@ -137,8 +112,8 @@ impl PlantCoefficients {
         if !not_negative(self.damping_n_s_per_m) {
             return complain("damping_n_s_per_m", self.damping_n_s_per_m);
         }
-        if !positive(self.alpha_c_per_m) {
-            return complain("alpha_c_per_m", self.alpha_c_per_m);
+        if !positive(self.transduction_c_per_m) {
+            return complain("transduction_c_per_m", self.transduction_c_per_m);
         }
         for hysteron in &self.hysterons {
             if !positive(hysteron.capacitance_f) {

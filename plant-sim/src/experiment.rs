@@ -1,0 +1,234 @@
+//! Experiments on the simulated bench: a SPEC as the board would play it, in open loop or through the control law.
+//!
+//! The control law and the waveforms are `control-core`'s own, in f32, as they run on a board.
+
+use crate::chain::{Chain, Held, SensorState, Simulator};
+use crate::margins::Loop;
+use crate::replay::Start;
+use crate::spec::{self, Shape, Spec, SpecError, Unit};
+use control_core::{Generator, GeneratorState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState};
+
+/// Bounds that `,shaped` puts on a waveform: rate and acceleration, in metres (or volts) per second and per second squared.
+///
+/// A 100 um, 150 Hz sine needs 0.094 m/s and 89 m/s^2. The volts are those of the thesis' bender for the same motion.
+const SHAPED_M: [f32; 2] = [0.1, 100.0];
+const SHAPED_V: [f32; 2] = [5.0e4, 5.0e7];
+
+/// A SPEC laid out in samples: the tables it needs, and how long each part lasts.
+#[derive(Clone, Debug)]
+pub struct Program {
+    rate_hz: f64,
+    unit: Option<Unit>,
+    shaped: bool,
+    parts: Vec<(spec::Part, Vec<Vec<f32>>)>,
+}
+
+fn fail(part: &spec::Part, reason: String) -> SpecError {
+    SpecError { part: part.shape.kind().to_owned(), reason }
+}
+
+impl Program {
+    /// Lays `spec` out at `rate_hz`.
+    ///
+    /// # Errors
+    /// A part that can't be played at this rate.
+    pub fn new(spec: &Spec, rate_hz: f64) -> Result<Self, SpecError> {
+        let mut parts = Vec::new();
+        for part in &spec.parts {
+            let mut tables = spec::table(&part.shape, rate_hz).map_err(|reason| fail(part, reason))?.unwrap_or_default();
+            tables.iter_mut().flatten().for_each(|sample| *sample = (f64::from(*sample) * part.amplitude) as f32);
+            // A file and minor loops are as long as their samples.
+            let mut part = part.clone();
+            if let (None, Shape::File { .. }, [table]) = (part.seconds, &part.shape, tables.as_slice()) {
+                part.seconds = Some(table.len() as f64 / rate_hz);
+            }
+            parts.push((part, tables));
+        }
+        let program = Self { rate_hz, unit: spec.unit, shaped: spec.shaped(), parts };
+        program.segments()?;
+        Ok(program)
+    }
+
+    /// Whether amplitudes are metres (a reference) or volts (a command); `None` for zeros.
+    pub fn unit(&self) -> Option<Unit> {
+        self.unit
+    }
+
+    /// Samples that the parts with a length take together, if all of them have one.
+    pub fn samples(&self) -> Option<usize> {
+        let seconds: Option<f64> = self.parts.iter().map(|(part, _)| part.seconds).sum();
+        seconds.map(|s| (s * self.rate_hz).round() as usize)
+    }
+
+    /// The board's segments.
+    fn segments(&self) -> Result<Vec<Segment<'_>>, SpecError> {
+        let mut segments = Vec::new();
+        let rate = self.rate_hz as f32;
+        for (part, tables) in &self.parts {
+            let amplitude = part.amplitude as f32;
+            let whole = |seconds: f64| (seconds * self.rate_hz).round().clamp(1.0, f64::from(u32::MAX)) as u32;
+            let samples = part.seconds.map_or(u32::MAX, whole);
+            let add = |e: control_core::SegmentError| fail(part, e.to_string());
+            let segment = match &part.shape {
+                Shape::Zero => Segment::zero(samples).map_err(add)?,
+                Shape::Hold => Segment::hold(amplitude, samples).map_err(add)?,
+                Shape::Step => Segment::step(amplitude, samples).map_err(add)?,
+                Shape::Square { hz } => Segment::square(rate, amplitude, *hz as f32, samples).map_err(add)?,
+                Shape::Sine { hz } => Segment::sine(rate, amplitude, *hz as f32, samples).map_err(add)?,
+                Shape::Triangle { hz } => Segment::triangle(rate, amplitude, *hz as f32, samples).map_err(add)?,
+                Shape::Sweep { hz, log: false } => {
+                    Segment::linear_sweep(rate, amplitude, hz[0] as f32, hz[1] as f32, samples).map_err(add)?
+                }
+                Shape::Sweep { hz, log: true } => {
+                    Segment::log_sweep(rate, amplitude, hz[0] as f32, hz[1] as f32, samples).map_err(add)?
+                }
+                Shape::Ladder { levels, hold_s } => Segment::ladder(amplitude, *levels, whole(*hold_s)).map_err(add)?,
+                Shape::Multisine { periods, .. } => {
+                    for table in tables {
+                        segments.push(Segment::table(table, periods.saturating_mul(table.len() as u32)).map_err(add)?);
+                    }
+                    continue;
+                }
+                Shape::MinorLoops { .. } | Shape::File { .. } => {
+                    let table = tables.first().map_or(&[][..], Vec::as_slice);
+                    Segment::table(table, samples).map_err(add)?
+                }
+            };
+            segments.push(segment);
+        }
+        Ok(segments)
+    }
+}
+
+/// What an experiment recorded, one entry per sample, SI units.
+#[derive(Clone, Debug, Default)]
+pub struct Recording {
+    /// Time between samples in seconds.
+    pub dt_s: f64,
+    /// What was asked for, before clamp and shaping; empty in open loop.
+    pub reference_m: Vec<f64>,
+    /// What the sensor read.
+    pub displacement_m: Vec<f64>,
+    /// Command after each reading.
+    pub command_v: Vec<f64>,
+    /// Limits that acted in open or closed loop.
+    pub limited_by: Vec<Limits>,
+    /// Largest magnitude of the true displacement at any sample, metres.
+    pub peak_m: f64,
+}
+
+/// How an experiment is run.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup<'a> {
+    /// The bench.
+    pub chain: &'a Chain,
+    /// Its state at the first sample.
+    pub start: &'a Start,
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// Samples to record.
+    pub samples: usize,
+    /// From sampling to the new drive, seconds.
+    pub latency_s: f64,
+    /// Seed of the sensor's noise.
+    pub seed: u64,
+}
+
+/// Runs `program` as the reference of the control law with `settings`.
+///
+/// `progress` is told the samples done, a few hundred times.
+///
+/// # Errors
+/// Settings or a program that the law can't run with.
+pub fn closed_loop(
+    setup: &Setup<'_>,
+    settings: &Settings,
+    program: &Program,
+    progress: &dyn Fn(usize),
+) -> Result<Recording, ExperimentError> {
+    let law = Law::try_build(settings)?;
+    let mut state = LawState::default();
+    run(setup, program, SHAPED_M, progress, |recording, reference_m, reading_m| {
+        let output = law.step(&mut state, reference_m, reading_m as f32);
+        recording.reference_m.push(f64::from(reference_m));
+        (f64::from(output.drive_v), output.limited_by)
+    })
+}
+
+/// Runs `program` as the command, in volts; the drive of the chain limits it, nothing else does.
+///
+/// # Errors
+/// A program that can't be played.
+pub fn open_loop(setup: &Setup<'_>, program: &Program, progress: &dyn Fn(usize)) -> Result<Recording, ExperimentError> {
+    let range_v = setup.chain.drive.range_v;
+    run(setup, program, SHAPED_V, progress, |_, command_v, _| {
+        let command_v = f64::from(command_v);
+        let beyond = command_v < range_v[0] || command_v > range_v[1];
+        (command_v, if beyond { Limits::VOLT } else { Limits::NONE })
+    })
+}
+
+/// Why an experiment can't be run.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The controller's settings.
+    #[error("controller: {0}")]
+    Settings(#[from] control_core::SettingsError),
+    /// The SPEC.
+    #[error(transparent)]
+    Spec(#[from] SpecError),
+}
+
+/// The loop that both kinds share: read, decide (`decide` gets the waveform's sample and the reading), move on.
+fn run(
+    setup: &Setup<'_>,
+    program: &Program,
+    shaped: [f32; 2],
+    progress: &dyn Fn(usize),
+    mut decide: impl FnMut(&mut Recording, f32, f64) -> (f64, Limits),
+) -> Result<Recording, ExperimentError> {
+    let segments = program.segments()?;
+    let generator = Generator::new(&segments);
+    let mut generator_state = GeneratorState::default();
+    let rate = setup.rate_hz as f32;
+    let largest = program.parts.iter().map(|(part, _)| part.amplitude.abs() as f32).fold(0.0, f32::max);
+    let mut shaper = if program.shaped {
+        Some((Shaper::try_build(rate, 2.0 * largest.max(1e-9), shaped[0], shaped[1])?, ShaperState::default()))
+    } else {
+        None
+    };
+    let dt_s = 1.0 / setup.rate_hz;
+    let mut simulator = Simulator::new(setup.chain, dt_s, setup.latency_s);
+    simulator.start_from(&setup.start.state, setup.start.drive_v);
+    let mut sensor = SensorState::new(&setup.chain.sensor, setup.seed);
+    let mut recording = Recording { dt_s, ..Recording::default() };
+    let report_every = (setup.samples / 200).max(1);
+    for sample in 0..setup.samples {
+        let ideal_m = simulator.reading_m();
+        let reading_m = sensor.read_m(ideal_m);
+        let mut wanted = generator.next(&mut generator_state);
+        if let Some((shaper, state)) = &mut shaper {
+            wanted = shaper.step(state, wanted).0;
+        }
+        let (command_v, limited_by) = decide(&mut recording, wanted, reading_m);
+        recording.displacement_m.push(reading_m);
+        recording.command_v.push(command_v);
+        recording.limited_by.push(limited_by);
+        recording.peak_m = recording.peak_m.max((ideal_m - setup.chain.sensor.offset_m).abs());
+        simulator.advance(Held::zero_order(command_v), 0.0);
+        if sample % report_every == 0 {
+            progress(sample);
+        }
+    }
+    Ok(recording)
+}
+
+/// The loop that `settings` close around a plant, for its margins.
+pub fn sampled_loop(settings: &Settings, rate_hz: f64, delay_s: f64) -> Loop {
+    Loop {
+        kp_v_per_m: f64::from(settings.kp_v_per_m),
+        ki_v_per_m_s: f64::from(settings.ki_v_per_m_s),
+        rate_hz,
+        delay_s,
+    }
+}

@@ -1,0 +1,197 @@
+//! Arguments as typed; every number is checked here, so that the commands see only what can be meant.
+
+use clap::{Args, Parser, Subcommand};
+use gap_diagnosis::identify::Hysterons;
+use plant_sim::log::ReadOptions;
+use plant_sim::replay::Initial;
+use plant_sim::spec::Spec;
+use std::path::PathBuf;
+
+/// Simulate, identify and diagnose piezo actuators with hysteresis, so that the simulation matches the bench.
+#[derive(Parser)]
+#[command(name = "hysteron", version, subcommand_help_heading = "Commands")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Closed loop (the board's control law against the plant) or open loop: writes a log and a page
+    Simulate(SimulateCall),
+    /// Drive a plant with a log's command and see how far it is from the log: writes the prediction and a page
+    Replay(ReplayCall),
+    /// Fit a plant to logs: writes a model file and a page
+    Identify(IdentifyCall),
+}
+
+#[derive(Args)]
+pub struct SimulateCall {
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Controller, a controller file; with --reference
+    #[arg(long, value_name = "C.toml", requires = "reference")]
+    pub controller: Option<PathBuf>,
+    /// Closed loop: what the displacement shall follow, such as step:80um or sine:100um@50Hz
+    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command", required_unless_present = "command")]
+    pub reference: Option<Spec>,
+    /// Open loop: what to drive with, such as sine:60V@10Hz
+    #[arg(long, value_name = "SPEC")]
+    pub command: Option<Spec>,
+    /// Samples per second
+    #[arg(long, value_name = "HZ", value_parser = positive)]
+    pub rate: f64,
+    /// Length; the SPEC's own length where it has one
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub seconds: Option<f64>,
+    /// From sampling to the new drive, any real number of microseconds
+    #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative)]
+    pub delay_us: f64,
+    /// Leave the feedforward out
+    #[arg(long)]
+    pub no_feedforward: bool,
+    /// Seed of the sensor's noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Log to write
+    #[arg(long, value_name = "LOG.csv")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub show: Show,
+}
+
+#[derive(Args)]
+pub struct ReplayCall {
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Measured log (CSV, NPY or MAT v5)
+    pub log: PathBuf,
+    /// Prediction to write
+    #[arg(long, value_name = "PRED.csv")]
+    pub out: PathBuf,
+    /// Take the mean of the residual out, where the sensor's zero is arbitrary
+    #[arg(long)]
+    pub free_offset: bool,
+    #[command(flatten)]
+    pub start: StartOptions,
+    #[command(flatten)]
+    pub read: ReadArguments,
+    #[command(flatten)]
+    pub show: Show,
+}
+
+#[derive(Args)]
+pub struct IdentifyCall {
+    /// Model to fit
+    #[arg(long, value_name = "KIND", value_parser = ["phs"])]
+    pub model: String,
+    /// Number of hysterons, or auto: as many as the logs call for
+    #[arg(long, value_name = "N|auto", value_parser = hysterons, conflicts_with = "plant", default_value = "auto")]
+    pub hysterons: Hysterons,
+    /// Start and priors: a model file; without it both are guessed from the logs
+    #[arg(long, value_name = "P.toml")]
+    pub plant: Option<PathBuf>,
+    /// Weighed moving mass, where no --plant states it: displacement alone determines only ratios to it
+    #[arg(long, value_name = "KG", value_parser = positive, conflicts_with = "plant", default_value = "1.0148e-3")]
+    pub mass_kg: f64,
+    /// Measured logs (CSV, NPY or MAT v5)
+    #[arg(required = true)]
+    pub logs: Vec<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FITTED.toml")]
+    pub out: PathBuf,
+    /// Starts of the search
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub starts: u32,
+    /// Seed of the starts
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub start: StartOptions,
+    #[command(flatten)]
+    pub read: ReadArguments,
+    #[command(flatten)]
+    pub show: Show,
+}
+
+#[derive(Args)]
+pub struct StartOptions {
+    /// State at the log's first row: relaxed, rest (an equilibrium, which one is fitted) or fit
+    #[arg(long, value_name = "STATE", default_value = "rest")]
+    pub initial: Initial,
+    /// Seconds at the start that are simulated but neither fitted nor scored
+    #[arg(long, value_name = "S", value_parser = not_negative)]
+    pub run_in: Option<f64>,
+}
+
+#[derive(Args)]
+pub struct ReadArguments {
+    /// The log's own column names: time=t_s,command=u_V,displacement=y_um
+    #[arg(long, value_name = "NAME=COLUMN,..", value_delimiter = ',', value_parser = pair)]
+    pub columns: Vec<(String, String)>,
+    /// SI value of one unit of a column: displacement=1e-6 for micrometres
+    #[arg(long, value_name = "NAME=FACTOR,..", value_delimiter = ',', value_parser = factor)]
+    pub scale: Vec<(String, f64)>,
+    /// Sampling rate, for a log without a time column
+    #[arg(long = "rate", value_name = "HZ", value_parser = positive)]
+    pub rate_hz: Option<f64>,
+}
+
+#[derive(Args)]
+pub struct Show {
+    /// Print the result as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Page to write; beside the output where not given
+    #[arg(long, value_name = "PAGE.html", conflicts_with = "no_page")]
+    pub page: Option<PathBuf>,
+    /// Write no page
+    #[arg(long)]
+    pub no_page: bool,
+}
+
+impl ReadArguments {
+    /// Options for the reader.
+    pub fn options(&self) -> ReadOptions {
+        ReadOptions {
+            columns: self.columns.iter().cloned().collect(),
+            scale: self.scale.iter().cloned().collect(),
+            rate_hz: self.rate_hz,
+        }
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "not a finite number".to_owned())
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err("must be greater than zero".into()) })
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err("must not be negative".into()) })
+}
+
+fn pair(text: &str) -> Result<(String, String), String> {
+    text.split_once('=').map(|(a, b)| (a.trim().to_owned(), b.trim().to_owned())).ok_or_else(|| "needs NAME=VALUE".into())
+}
+
+fn factor(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = pair(text)?;
+    Ok((name, number(&value)?))
+}
+
+fn hysterons(text: &str) -> Result<Hysterons, String> {
+    match text {
+        "auto" => Ok(Hysterons::Auto),
+        _ => text
+            .parse()
+            .ok()
+            .filter(|n| *n <= plant_sim::chain::MAX_HYSTERONS)
+            .map(Hysterons::Fixed)
+            .ok_or_else(|| format!("a number from 0 to {} or auto", plant_sim::chain::MAX_HYSTERONS)),
+    }
+}

@@ -1,0 +1,7 @@
+//! `hysteron` alone.
+
+use crate::failure::Failure;
+
+pub fn demo() -> Result<(), Failure> {
+    Ok(())
+}

@@ -1,0 +1,227 @@
+//! `hysteron simulate`: closed or open loop, a log, metrics, a page.
+
+use crate::arguments::SimulateCall;
+use crate::failure::Failure;
+use crate::output;
+use gap_diagnosis::page::{SimulationView, four_digits, simulation_page};
+use plant_sim::chain::Chain;
+use plant_sim::controller::Controller;
+use plant_sim::experiment::{Program, Recording, Setup, closed_loop, open_loop, sampled_loop};
+use plant_sim::log::{Column, Meta, Writer};
+use plant_sim::margins::{Suggestion, Verdict, assess, nearest_stable};
+use plant_sim::metrics::{LoopMetrics, Task, loop_metrics};
+use plant_sim::model::Model;
+use plant_sim::replay::Start;
+use plant_sim::spec::{Shape, Spec, Unit};
+
+/// Rows that one call may make: 20 million are 0.6 GB in memory and 1 GB on disk.
+const MOST_ROWS: f64 = 2e7;
+/// Clock of the board's timer, for rates that a board can run: 170 MHz (STM32G474 at its highest clock).
+const TIMER_CLOCK_HZ: u32 = 170_000_000;
+
+pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
+    let model = Model::read(&call.plant)?;
+    let chain = model.chain();
+    let mut warnings = model.warnings();
+    let spec = call.reference.as_ref().or(call.command.as_ref());
+    let Some(spec) = spec else {
+        return Err(Failure::call("nothing to drive with: give --controller and --reference, or --command"));
+    };
+    let program = Program::new(spec, call.rate)?;
+    check_unit(call, &program)?;
+    let samples = samples(call, &program)?;
+    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+    let start = Start { state, drive_v };
+    let setup = Setup {
+        chain: &chain,
+        start: &start,
+        rate_hz: call.rate,
+        samples,
+        latency_s: call.delay_us * 1e-6,
+        seed: call.seed,
+    };
+    let mut facts = Vec::new();
+    let mut controller_name = None;
+    let bar = output::bar(samples as u64, "simulating");
+    let progress = |done: usize| bar.set_position(done as u64);
+    let recording = match &call.controller {
+        Some(path) => {
+            let controller = Controller::read(path)?;
+            let mut settings = controller.settings(call.rate);
+            if call.no_feedforward {
+                settings.feedforward_v_per_m = 0.0;
+            }
+            controller_name = Some(output::file_name(path));
+            facts.push(("stability".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
+            closed_loop(&setup, &settings, &program, &progress)?
+        }
+        None => open_loop(&setup, &program, &progress)?,
+    };
+    bar.finish_and_clear();
+
+    let reference = (!recording.reference_m.is_empty()).then_some(recording.reference_m.as_slice());
+    let mut metrics = loop_metrics(task(spec), recording.dt_s, reference, &recording.displacement_m);
+    metrics.peak_v = recording.command_v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    metrics.limited_samples = recording.limited_by.iter().filter(|l| !l.is_empty()).count();
+    let words = limit_words(&recording);
+    if !words.is_empty() {
+        warnings.push(format!("limits acted in {} of {samples} samples: {words}", metrics.limited_samples));
+    }
+    if recording.limited_by.iter().any(|l| l.is_safe_state()) {
+        warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
+    }
+    write_log(call, &recording, controller_name)?;
+    output::warn(&warnings);
+    facts.splice(0..0, readable(&metrics));
+    if call.show.json {
+        output::line(&serde_json::json!(metrics).to_string());
+    } else {
+        output::facts(&facts);
+        output::line(&format!("log: {}", call.out.display()));
+    }
+    if let Some(path) = output::page_path(&call.show, &call.out) {
+        let page = page(call, &model, &recording, &facts, &warnings);
+        output::save_page(&page, &path, call.show.json)?;
+    }
+    Ok(())
+}
+
+/// References are lengths and commands volts.
+fn check_unit(call: &SimulateCall, program: &Program) -> Result<(), Failure> {
+    match (call.reference.is_some(), program.unit()) {
+        (true, Some(Unit::Volt)) => Err(Failure::call("--reference is a displacement: give its amplitudes in um")),
+        (false, Some(Unit::Micrometre)) => Err(Failure::call("--command is a voltage: give its amplitudes in V")),
+        _ => Ok(()),
+    }
+}
+
+fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
+    let rows = match call.seconds {
+        Some(seconds) => (seconds * call.rate).round(),
+        None => program.samples().ok_or_else(|| Failure::call("the SPEC has no length of its own: give --seconds"))? as f64,
+    };
+    if rows < 1.0 {
+        return Err(Failure::call(format!("--seconds is shorter than one sample at {} Hz", call.rate)));
+    }
+    if rows > MOST_ROWS {
+        return Err(Failure::call(format!(
+            "{rows:.0} samples are more than the {MOST_ROWS:.0} that one call makes: lower --rate or --seconds"
+        )));
+    }
+    Ok(rows as usize)
+}
+
+/// Refuses an unstable loop, warns of a thin margin, and says what the margin is.
+fn stability(
+    call: &SimulateCall,
+    chain: &Chain,
+    settings: &control_core::Settings,
+    warnings: &mut Vec<String>,
+) -> Result<String, Failure> {
+    let regions = chain.plant.linear_regions()?;
+    let law = sampled_loop(settings, call.rate, call.delay_us * 1e-6 + chain.drive.delay_s);
+    let assessment = assess(&regions, &law)?;
+    let advice = || -> Result<String, Failure> {
+        Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {
+            Suggestion::AsAsked { .. } => String::new(),
+            suggestion => format!("; {suggestion}"),
+        })
+    };
+    match &assessment.verdict {
+        Verdict::Unstable { .. } => Err(Failure::call(format!("{assessment}{}", advice()?))),
+        Verdict::BelowSixDb { .. } => {
+            warnings.push(format!("{assessment}{}", advice()?));
+            Ok(assessment.to_string())
+        }
+        Verdict::Stable { .. } => Ok(assessment.to_string()),
+    }
+}
+
+/// What the metrics are for: a single step or sine has figures of its own.
+fn task(spec: &Spec) -> Task {
+    match spec.parts.as_slice() {
+        [part] => match part.shape {
+            Shape::Step => Task::Step { height_m: part.amplitude },
+            Shape::Sine { hz } => Task::Sine { amplitude_m: part.amplitude, hz },
+            _ => Task::Other,
+        },
+        _ => Task::Other,
+    }
+}
+
+fn limit_words(recording: &Recording) -> String {
+    let all = recording.limited_by.iter().fold(control_core::Limits::NONE, |all, l| all | *l);
+    all.words().collect::<Vec<_>>().join(", ").replace('_', " ")
+}
+
+fn write_log(call: &SimulateCall, recording: &Recording, controller: Option<String>) -> Result<(), Failure> {
+    let mut meta = Meta {
+        rate_hz: Some(call.rate),
+        latency_s: call.delay_us / 1e6,
+        seed: Some(call.seed.to_string()),
+        controller,
+        ..Meta::default()
+    };
+    meta.other.insert("plant".into(), output::file_name(&call.plant));
+    meta.other.insert("simulated_by".into(), format!("hysteron {}", env!("CARGO_PKG_VERSION")));
+    let mut columns = vec![Column::Time, Column::Command, Column::Displacement];
+    let closed = !recording.reference_m.is_empty();
+    if closed {
+        columns.push(Column::Reference);
+    }
+    columns.push(Column::LimitedBy);
+    let mut writer = Writer::create(&call.out, &meta, &columns)?;
+    let mut row = Vec::with_capacity(columns.len());
+    for k in 0..recording.command_v.len() {
+        row.clear();
+        row.extend([k as f64 * recording.dt_s, recording.command_v[k], recording.displacement_m[k]]);
+        if closed {
+            row.push(recording.reference_m[k]);
+        }
+        row.push(f64::from(recording.limited_by[k].bits()));
+        writer.row(&row)?;
+    }
+    Ok(writer.finish()?)
+}
+
+/// The metrics with units, those that have a meaning.
+fn readable(metrics: &LoopMetrics) -> Vec<(String, String)> {
+    let rows = [
+        ("rise 10-90 %", metrics.rise_ms, "ms"),
+        ("overshoot", metrics.overshoot_percent, "%"),
+        ("settling to 2 %", metrics.settle_2_percent_ms, "ms"),
+        ("rms error", metrics.rms_error_um, "um"),
+        ("rms error of amplitude", metrics.rms_error_percent, "%"),
+        ("gain", metrics.gain, ""),
+        ("phase", metrics.phase_deg, "deg"),
+        ("peak displacement", Some(metrics.peak_um), "um"),
+        ("peak command", Some(metrics.peak_v), "V"),
+    ];
+    rows.into_iter().filter_map(|(label, value, unit)| value.map(|v| (label.to_owned(), four_digits(v, unit)))).collect()
+}
+
+fn page(
+    call: &SimulateCall,
+    model: &Model,
+    recording: &Recording,
+    facts: &[(String, String)],
+    warnings: &[String],
+) -> gap_diagnosis::page::Page {
+    let micro = |values: &[f64]| values.iter().map(|v| v * 1e6).collect::<Vec<f64>>();
+    let time_s: Vec<f64> = (0..recording.command_v.len()).map(|k| k as f64 * recording.dt_s).collect();
+    let reference_um = micro(&recording.reference_m);
+    let closed = call.controller.as_ref().map(|path| format!(" with {}", output::file_name(path)));
+    simulation_page(&SimulationView {
+        title: if closed.is_some() { "Closed-loop simulation" } else { "Open-loop simulation" },
+        subtitle: &format!("{}{}, {} Hz", model.name, closed.as_deref().unwrap_or(""), call.rate),
+        headline: "",
+        time_s: &time_s,
+        reference_um: closed.is_some().then_some(reference_um.as_slice()),
+        displacement_um: &micro(&recording.displacement_m),
+        command_v: &recording.command_v,
+        error_um: None,
+        metrics: facts,
+        warnings,
+        provenance: &output::provenance(Some(call.seed)),
+    })
+}
