@@ -32,6 +32,9 @@ pub struct Model {
     /// Displacement sensor.
     #[serde(default, skip_serializing_if = "SensorSection::is_empty")]
     pub sensor: SensorSection,
+    /// What experiments on the real plant must respect; simulated plants don't.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rig: Option<RigSection>,
     /// State at the start of a run; absent means at rest or as the command's `--initial` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial_state: Option<InitialStateSection>,
@@ -132,6 +135,20 @@ impl SensorSection {
     fn is_empty(&self) -> bool {
         *self == Self::default()
     }
+}
+
+/// `[rig]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigSection {
+    /// Lowest drive that the amplifier or the actuator stands.
+    #[serde(rename = "drive_min_V")]
+    pub drive_min_v: Param,
+    /// Highest drive.
+    #[serde(rename = "drive_max_V")]
+    pub drive_max_v: Param,
+    /// Largest displacement on either side.
+    pub displacement_max_um: Param,
 }
 
 /// `[initial_state]`.
@@ -270,6 +287,11 @@ impl Model {
         let hysterons = self.actuator.hysterons.len();
         if hysterons > MAX_HYSTERONS {
             return Err(format!("{hysterons} hysterons; at most {MAX_HYSTERONS} can be stepped"));
+        }
+        if let Some(rig) = &self.rig
+            && !(rig.drive_min_v.value < rig.drive_max_v.value && rig.displacement_max_um.value > 0.0)
+        {
+            return Err("rig: drive_min_V must lie below drive_max_V, and displacement_max_um above zero".to_owned());
         }
         if let Some(start) = &self.initial_state {
             if start.hysteron_v.len() != hysterons {

@@ -10,7 +10,7 @@ use plant_sim::experiment::{Program, Recording, Setup, closed_loop, open_loop, s
 use plant_sim::log::{Column, Meta, Writer};
 use plant_sim::margins::{Suggestion, Verdict, assess, nearest_stable};
 use plant_sim::metrics::{LoopMetrics, Task, loop_metrics};
-use plant_sim::model::Model;
+use plant_sim::model::{Model, RigSection};
 use plant_sim::replay::Start;
 use plant_sim::spec::{Shape, Spec, Unit};
 
@@ -69,6 +69,9 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     }
     if recording.limited_by.iter().any(|l| l.is_safe_state()) {
         warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
+    }
+    if let Some(rig) = &model.rig {
+        warnings.extend(beyond_rig(rig, &recording));
     }
     write_log(call, &recording, controller_name)?;
     output::warn(&warnings);
@@ -135,6 +138,22 @@ fn stability(
         }
         Verdict::Stable { .. } => Ok(assessment.to_string()),
     }
+}
+
+/// Where the run left what the real rig stands, one line each.
+fn beyond_rig(rig: &RigSection, recording: &Recording) -> Vec<String> {
+    let (low, high) = (rig.drive_min_v.value, rig.drive_max_v.value);
+    let beyond = |v: &&f64| **v < low || **v > high;
+    let mut warnings = Vec::new();
+    let worst_v = recording.command_v.iter().filter(beyond).fold(0.0f64, |m, v| if v.abs() > m.abs() { *v } else { m });
+    if worst_v != 0.0 {
+        warnings.push(format!("the command reaches {worst_v:.1} V, beyond the rig's {low} .. {high} V"));
+    }
+    let (peak_um, most_um) = (recording.peak_m * 1e6, rig.displacement_max_um.value);
+    if peak_um > most_um {
+        warnings.push(format!("the displacement reaches {peak_um:.1} um; the rig stands {most_um} um"));
+    }
+    warnings
 }
 
 /// What the metrics are for: a single step or sine has figures of its own.

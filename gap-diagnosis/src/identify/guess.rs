@@ -81,6 +81,7 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
                 stiffness_n_per_m: assumed(stiffness),
             },
             sensor: Default::default(),
+            rig: None,
             initial_state: None,
             fit: None,
         }
