@@ -34,7 +34,13 @@ pub struct SimulateCall {
     #[arg(long, value_name = "C.toml", requires = "reference")]
     pub controller: Option<PathBuf>,
     /// Closed loop: what the displacement shall follow, such as step:80um or sine:100um@50Hz
-    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command", required_unless_present = "command")]
+    #[arg(
+        long,
+        value_name = "SPEC",
+        requires = "controller",
+        conflicts_with = "command",
+        required_unless_present = "command"
+    )]
     pub reference: Option<Spec>,
     /// Open loop: what to drive with, such as sine:60V@10Hz
     #[arg(long, value_name = "SPEC")]
@@ -176,7 +182,9 @@ fn not_negative(text: &str) -> Result<f64, String> {
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {
-    text.split_once('=').map(|(a, b)| (a.trim().to_owned(), b.trim().to_owned())).ok_or_else(|| "needs NAME=VALUE".into())
+    text.split_once('=')
+        .map(|(a, b)| (a.trim().to_owned(), b.trim().to_owned()))
+        .ok_or_else(|| "needs NAME=VALUE".into())
 }
 
 fn factor(text: &str) -> Result<(String, f64), String> {

@@ -27,17 +27,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut displacement_m = 0.0_f32;
     println!("time_ms reference_um displacement_um drive_V limited_by");
     for k in 0..200 {
-        let output = controller.tick(&Input {
-            command: Command::GeneratedReference(&generator),
-            measured_m: displacement_m,
-        });
+        let output =
+            controller.tick(&Input { command: Command::GeneratedReference(&generator), measured_m: displacement_m });
         if k % 5 == 0 {
             let (reference_um, displacement_um) = (output.reference_m * 1e6, displacement_m * 1e6);
             let time_ms = k as f32 * 0.05;
             let (drive_v, limited_by) = (output.drive_v, output.limited_by);
-            println!(
-                "{time_ms:7.2} {reference_um:12.3} {displacement_um:15.3} {drive_v:7.2} {limited_by}"
-            );
+            println!("{time_ms:7.2} {reference_um:12.3} {displacement_um:15.3} {drive_v:7.2} {limited_by}");
         }
         displacement_m += (1.88e-6 * output.drive_v - displacement_m) * 0.25;
     }

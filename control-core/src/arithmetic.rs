@@ -37,10 +37,7 @@ mod tests {
                 let x = scale * (1.0 + 3.0 * i as f32 / 100_000.0);
                 let ratio = f64::from(sqrt_below(x)) / f64::from(x).sqrt();
                 // Above: four roundings of at most 2^-24 each. Below: 0.1752 % plus the same.
-                assert!(
-                    ratio < 1.0 + 2.4e-7 && ratio > 1.0 - 1.753e-3,
-                    "{x} {ratio}"
-                );
+                assert!(ratio < 1.0 + 2.4e-7 && ratio > 1.0 - 1.753e-3, "{x} {ratio}");
             }
         }
         assert_eq!(sqrt_below(0.0), 0.0);
@@ -52,9 +49,6 @@ mod tests {
         assert_eq!(between(-5.0, -1.0, 1.0), -1.0);
         assert_eq!(between(0.5, 1.0, -1.0), -1.0);
         assert!(between(f32::NAN, -1.0, 1.0).is_nan());
-        assert_eq!(
-            between(f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY),
-            f32::INFINITY
-        );
+        assert_eq!(between(f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY), f32::INFINITY);
     }
 }

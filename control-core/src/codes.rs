@@ -196,10 +196,7 @@ fn codes(field: &'static str, bits: u8) -> Result<i32, SettingsError> {
     match bits {
         12..=16 => Ok(1 << bits),
         17.. => Err(SettingsError::TooLarge { field, at_most: 16 }),
-        _ => Err(SettingsError::TooSmall {
-            field,
-            at_least: 12,
-        }),
+        _ => Err(SettingsError::TooSmall { field, at_least: 12 }),
     }
 }
 
@@ -228,11 +225,7 @@ mod tests {
             amplifier_v_per_v: 9.0,
             dac_margin_v: 0.0,
         };
-        let inverting = CalibrationSettings {
-            sensor_m_per_v: -13e-6,
-            amplifier_v_per_v: -9.0,
-            ..external
-        };
+        let inverting = CalibrationSettings { sensor_m_per_v: -13e-6, amplifier_v_per_v: -9.0, ..external };
         [nucleo, external, inverting]
     }
 
@@ -289,16 +282,8 @@ mod tests {
 
     #[test]
     fn rounding_is_to_the_nearest_code_and_halves_go_away_from_zero() {
-        for (x, code) in [
-            (0.49, 0),
-            (0.5, 1),
-            (-0.5, -1),
-            (-0.49, 0),
-            (1.5, 2),
-            (2.5, 3),
-            (-2.5, -3),
-            (1e30, i32::MAX),
-        ] {
+        for (x, code) in [(0.49, 0), (0.5, 1), (-0.5, -1), (-0.49, 0), (1.5, 2), (2.5, 3), (-2.5, -3), (1e30, i32::MAX)]
+        {
             assert_eq!(nearest(x), code, "{x}");
         }
     }
@@ -306,15 +291,9 @@ mod tests {
     #[test]
     fn rails_are_seen_at_both_ends() {
         let nucleo = build(&CalibrationSettings::NUCLEO_G474RE);
-        for (code, at_rail) in [
-            (0, true),
-            (8, true),
-            (9, false),
-            (2048, false),
-            (4086, false),
-            (4087, true),
-            (4095, true),
-        ] {
+        for (code, at_rail) in
+            [(0, true), (8, true), (9, false), (2048, false), (4086, false), (4087, true), (4095, true)]
+        {
             assert_eq!(nucleo.is_at_rail(AdcCode(code), 8), at_rail, "{code}");
         }
     }
@@ -323,53 +302,16 @@ mod tests {
     fn wrong_settings_are_named() {
         let good = CalibrationSettings::NUCLEO_G474RE;
         let cases = [
+            (CalibrationSettings { adc_bits: 17, ..good }, SettingsError::TooLarge { field: "adc_bits", at_most: 16 }),
+            (CalibrationSettings { dac_bits: 0, ..good }, SettingsError::TooSmall { field: "dac_bits", at_least: 12 }),
+            (CalibrationSettings { sensor_m_per_v: 0.0, ..good }, SettingsError::NotFinite { field: "sensor_m_per_v" }),
             (
-                CalibrationSettings {
-                    adc_bits: 17,
-                    ..good
-                },
-                SettingsError::TooLarge {
-                    field: "adc_bits",
-                    at_most: 16,
-                },
+                CalibrationSettings { amplifier_v_per_v: f32::NAN, ..good },
+                SettingsError::NotFinite { field: "amplifier_v_per_v" },
             ),
             (
-                CalibrationSettings {
-                    dac_bits: 0,
-                    ..good
-                },
-                SettingsError::TooSmall {
-                    field: "dac_bits",
-                    at_least: 12,
-                },
-            ),
-            (
-                CalibrationSettings {
-                    sensor_m_per_v: 0.0,
-                    ..good
-                },
-                SettingsError::NotFinite {
-                    field: "sensor_m_per_v",
-                },
-            ),
-            (
-                CalibrationSettings {
-                    amplifier_v_per_v: f32::NAN,
-                    ..good
-                },
-                SettingsError::NotFinite {
-                    field: "amplifier_v_per_v",
-                },
-            ),
-            (
-                CalibrationSettings {
-                    dac_margin_v: 1.7,
-                    ..good
-                },
-                SettingsError::TooLarge {
-                    field: "dac_margin_v",
-                    at_most: 1,
-                },
+                CalibrationSettings { dac_margin_v: 1.7, ..good },
+                SettingsError::TooLarge { field: "dac_margin_v", at_most: 1 },
             ),
         ];
         for (settings, error) in cases {

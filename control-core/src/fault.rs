@@ -60,27 +60,17 @@ impl FaultCode {
 
     /// The code with this number, if there is one. 0 is no fault.
     pub fn from_number(number: u8) -> Option<FaultCode> {
-        CODES
-            .into_iter()
-            .map(|(code, _)| code)
-            .find(|code| code.number() == number)
+        CODES.into_iter().map(|(code, _)| code).find(|code| code.number() == number)
     }
 
     /// The word in records and messages.
     pub fn word(self) -> &'static str {
-        CODES
-            .into_iter()
-            .find(|(code, _)| *code == self)
-            .map_or("unknown", |(_, word)| word)
+        CODES.into_iter().find(|(code, _)| *code == self).map_or("unknown", |(_, word)| word)
     }
 
     /// The code for a law that has gone into its safe state; a number that is none is the graver reason.
     pub(crate) fn of_safe_state(limits: Limits) -> FaultCode {
-        if limits.contains(Limits::NOT_A_NUMBER) {
-            FaultCode::NotANumber
-        } else {
-            FaultCode::DisplacementTrip
-        }
+        if limits.contains(Limits::NOT_A_NUMBER) { FaultCode::NotANumber } else { FaultCode::DisplacementTrip }
     }
 
     /// The bits that an output shows while this fault lasts.

@@ -110,12 +110,8 @@ impl fmt::Display for SegmentError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             SegmentError::NotFinite => "amplitudes and table values must be finite",
-            SegmentError::NotPositive => {
-                "rate, frequencies and durations must be finite and above zero"
-            }
-            SegmentError::AboveHalfTheRate => {
-                "a frequency must be at most half the sampling rate"
-            }
+            SegmentError::NotPositive => "rate, frequencies and durations must be finite and above zero",
+            SegmentError::AboveHalfTheRate => "a frequency must be at most half the sampling rate",
             SegmentError::Length => "a segment must have 1 to 2^32 - 1 samples",
             SegmentError::Levels => "a ladder must have 1 to 65535 levels",
             SegmentError::SweepTooFast => {
@@ -135,11 +131,7 @@ impl core::error::Error for SegmentError {}
 pub fn samples_in(rate_hz: f32, seconds: f32) -> Result<u32, SegmentError> {
     positive(rate_hz)?;
     let samples = f64::from(seconds) * f64::from(rate_hz) + 0.5;
-    if samples >= 1.0 && samples < f64::from(u32::MAX) {
-        Ok(samples as u32)
-    } else {
-        Err(SegmentError::Length)
-    }
+    if samples >= 1.0 && samples < f64::from(u32::MAX) { Ok(samples as u32) } else { Err(SegmentError::Length) }
 }
 
 impl<'a> Segment<'a> {
@@ -177,21 +169,10 @@ impl<'a> Segment<'a> {
     /// # Errors
     ///
     /// [`SegmentError`] of a number that can't be used; the frequency is at most half the rate.
-    pub fn square(
-        rate_hz: f32,
-        amplitude: f32,
-        frequency_hz: f32,
-        samples: u32,
-    ) -> Result<Segment<'a>, SegmentError> {
+    pub fn square(rate_hz: f32, amplitude: f32, frequency_hz: f32, samples: u32) -> Result<Segment<'a>, SegmentError> {
         finite(amplitude)?;
         let increment = to_phase(turns_per_sample(rate_hz, frequency_hz)?);
-        Segment::of(
-            Wave::Square {
-                amplitude,
-                increment,
-            },
-            samples,
-        )
+        Segment::of(Wave::Square { amplitude, increment }, samples)
     }
 
     /// Sine of `amplitude`, rising from 0.
@@ -199,21 +180,10 @@ impl<'a> Segment<'a> {
     /// # Errors
     ///
     /// As [`Segment::square`].
-    pub fn sine(
-        rate_hz: f32,
-        amplitude: f32,
-        frequency_hz: f32,
-        samples: u32,
-    ) -> Result<Segment<'a>, SegmentError> {
+    pub fn sine(rate_hz: f32, amplitude: f32, frequency_hz: f32, samples: u32) -> Result<Segment<'a>, SegmentError> {
         finite(amplitude)?;
         let increment = to_phase(turns_per_sample(rate_hz, frequency_hz)?);
-        Segment::of(
-            Wave::Sine {
-                amplitude,
-                increment,
-            },
-            samples,
-        )
+        Segment::of(Wave::Sine { amplitude, increment }, samples)
     }
 
     /// Triangle of `amplitude`, rising from 0.
@@ -229,13 +199,7 @@ impl<'a> Segment<'a> {
     ) -> Result<Segment<'a>, SegmentError> {
         finite(amplitude)?;
         let increment = to_phase(turns_per_sample(rate_hz, frequency_hz)?);
-        Segment::of(
-            Wave::Triangle {
-                amplitude,
-                increment,
-            },
-            samples,
-        )
+        Segment::of(Wave::Triangle { amplitude, increment }, samples)
     }
 
     /// Sine whose amplitude falls in a straight line from `amplitude` to 0 at the segment's end.
@@ -252,14 +216,7 @@ impl<'a> Segment<'a> {
         finite(amplitude)?;
         let increment = to_phase(turns_per_sample(rate_hz, frequency_hz)?);
         let per_sample = 1.0 / samples.max(1) as f32;
-        Segment::of(
-            Wave::DecayingSine {
-                amplitude,
-                increment,
-                per_sample,
-            },
-            samples,
-        )
+        Segment::of(Wave::DecayingSine { amplitude, increment, per_sample }, samples)
     }
 
     /// Sine whose frequency goes in a straight line from `from_hz` to `to_hz`, which is reached at the segment's end.
@@ -280,11 +237,7 @@ impl<'a> Segment<'a> {
         let slope = (to - from) / f64::from(samples.max(1));
         // The k-th increment is from + (k + 1/2) slope: their sum is F0 t + (F1 - F0) t^2 / (2 S) exactly.
         Segment::of(
-            Wave::LinearSweep {
-                amplitude,
-                increment: to_phase(from + 0.5 * slope),
-                slope: to_phase(slope),
-            },
+            Wave::LinearSweep { amplitude, increment: to_phase(from + 0.5 * slope), slope: to_phase(slope) },
             samples,
         )
     }
@@ -328,27 +281,14 @@ impl<'a> Segment<'a> {
     /// # Errors
     ///
     /// [`SegmentError::Levels`], [`SegmentError::Length`], [`SegmentError::NotFinite`].
-    pub fn ladder(
-        amplitude: f32,
-        levels: u32,
-        hold_samples: u32,
-    ) -> Result<Segment<'a>, SegmentError> {
+    pub fn ladder(amplitude: f32, levels: u32, hold_samples: u32) -> Result<Segment<'a>, SegmentError> {
         finite(amplitude)?;
         if !(1..=65_535).contains(&levels) {
             return Err(SegmentError::Levels);
         }
         let hold = NonZeroU32::new(hold_samples).ok_or(SegmentError::Length)?;
-        let samples = hold_samples
-            .checked_mul(2 * levels)
-            .ok_or(SegmentError::Length)?;
-        Segment::of(
-            Wave::Ladder {
-                amplitude,
-                levels,
-                hold,
-            },
-            samples,
-        )
+        let samples = hold_samples.checked_mul(2 * levels).ok_or(SegmentError::Length)?;
+        Segment::of(Wave::Ladder { amplitude, levels, hold }, samples)
     }
 
     /// Any waveform as a table of samples, played from its start and again when used up, for `samples` in all.
@@ -433,8 +373,7 @@ impl<'a> Generator<'a> {
         match self.segments.get(state.segment_idx as usize) {
             None => true,
             Some(segment) => {
-                state.sample_idx >= segment.samples
-                    && state.segment_idx as usize + 1 >= self.segments.len()
+                state.sample_idx >= segment.samples && state.segment_idx as usize + 1 >= self.segments.len()
             }
         }
     }
@@ -454,10 +393,7 @@ impl Wave<'_> {
             | Wave::Sine { .. }
             | Wave::Triangle { .. }
             | Wave::Table { .. } => true,
-            Wave::DecayingSine { .. }
-            | Wave::LinearSweep { .. }
-            | Wave::LogSweep { .. }
-            | Wave::Ladder { .. } => false,
+            Wave::DecayingSine { .. } | Wave::LinearSweep { .. } | Wave::LogSweep { .. } | Wave::Ladder { .. } => false,
         }
     }
 
@@ -493,45 +429,23 @@ impl Wave<'_> {
             }
             Wave::Sine { amplitude, .. } => amplitude * sine_of_phase(phase),
             Wave::Triangle { amplitude, .. } => amplitude * triangle_of_phase(phase),
-            Wave::DecayingSine {
-                amplitude,
-                per_sample,
-                ..
-            } => {
+            Wave::DecayingSine { amplitude, per_sample, .. } => {
                 let envelope = 1.0 - state.sample_idx as f32 * per_sample;
                 amplitude * envelope * sine_of_phase(phase)
             }
-            Wave::LinearSweep {
-                amplitude, slope, ..
-            } => {
+            Wave::LinearSweep { amplitude, slope, .. } => {
                 state.increment = state.increment.wrapping_add(slope);
                 amplitude * sine_of_phase(phase)
             }
-            Wave::LogSweep {
-                amplitude,
-                growth,
-                falls,
-                ..
-            } => {
+            Wave::LogSweep { amplitude, growth, falls, .. } => {
                 let change = upper_product(state.increment, growth);
-                state.increment = if falls {
-                    state.increment.wrapping_sub(change)
-                } else {
-                    state.increment.wrapping_add(change)
-                };
+                state.increment =
+                    if falls { state.increment.wrapping_sub(change) } else { state.increment.wrapping_add(change) };
                 amplitude * sine_of_phase(phase)
             }
-            Wave::Ladder {
-                amplitude,
-                levels,
-                hold,
-            } => {
+            Wave::Ladder { amplitude, levels, hold } => {
                 let stair = state.sample_idx / hold;
-                let level = if stair < levels {
-                    stair + 1
-                } else {
-                    (2 * levels - 1).saturating_sub(stair)
-                };
+                let level = if stair < levels { stair + 1 } else { (2 * levels - 1).saturating_sub(stair) };
                 amplitude * (level as f32 / levels as f32)
             }
             Wave::Table { values } => {
@@ -557,11 +471,7 @@ fn turns_per_sample(rate_hz: f32, frequency_hz: f32) -> Result<f64, SegmentError
     positive(rate_hz)?;
     positive(frequency_hz)?;
     let turns = f64::from(frequency_hz) / f64::from(rate_hz);
-    if turns <= 0.5 {
-        Ok(turns)
-    } else {
-        Err(SegmentError::AboveHalfTheRate)
-    }
+    if turns <= 0.5 { Ok(turns) } else { Err(SegmentError::AboveHalfTheRate) }
 }
 
 /// Turns to phase units, rounded to the nearest; negative turns wrap.
@@ -573,19 +483,11 @@ fn to_phase(turns: f64) -> u64 {
 }
 
 fn finite(value: f32) -> Result<(), SegmentError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(SegmentError::NotFinite)
-    }
+    if value.is_finite() { Ok(()) } else { Err(SegmentError::NotFinite) }
 }
 
 fn positive(value: f32) -> Result<(), SegmentError> {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        Err(SegmentError::NotPositive)
-    }
+    if value.is_finite() && value > 0.0 { Ok(()) } else { Err(SegmentError::NotPositive) }
 }
 
 /// ln(x) for a normal positive x: exponent times ln 2 plus 2 atanh((m - 1)/(m + 1)), m in [1/sqrt 2, sqrt 2).
@@ -639,11 +541,7 @@ mod tests {
 
     #[test]
     fn levels_follow_one_another_and_the_last_one_stays() {
-        let segments = [
-            made(Segment::zero(2)),
-            made(Segment::step(3.0, 1)),
-            made(Segment::hold(-1.0, 2)),
-        ];
+        let segments = [made(Segment::zero(2)), made(Segment::step(3.0, 1)), made(Segment::hold(-1.0, 2))];
         assert_eq!(play(&segments, 7), [0.0, 0.0, 3.0, -1.0, -1.0, -1.0, -1.0]);
         assert_eq!(Generator::new(&segments).samples(), 5);
         assert_eq!(play(&[], 2), [0.0, 0.0]);
@@ -676,10 +574,7 @@ mod tests {
             let samples = half * 2 * 1000;
             for (k, value) in play(&segments, samples).into_iter().enumerate() {
                 let expected = if (k / half) % 2 == 0 { 2.0 } else { -2.0 };
-                assert_eq!(
-                    value, expected,
-                    "sample {k} of {frequency_hz} Hz at {rate_hz} Hz"
-                );
+                assert_eq!(value, expected, "sample {k} of {frequency_hz} Hz at {rate_hz} Hz");
             }
         }
     }
@@ -698,10 +593,7 @@ mod tests {
     #[test]
     fn triangle_and_decay_have_their_shapes() {
         let triangle = play(&[made(Segment::triangle(8.0, 4.0, 1.0, 8))], 10);
-        assert_eq!(
-            triangle,
-            [0.0, 2.0, 4.0, 2.0, 0.0, -2.0, -4.0, -2.0, 0.0, 2.0]
-        );
+        assert_eq!(triangle, [0.0, 2.0, 4.0, 2.0, 0.0, -2.0, -4.0, -2.0, 0.0, 2.0]);
         let decay = play(&[made(Segment::decaying_sine(4.0, 1.0, 1.0, 8))], 10);
         let envelope = [0.0, 0.875, 0.0, -0.625, 0.0, 0.375, 0.0, -0.125, 0.0, 0.0];
         assert_eq!(decay, envelope);
@@ -711,12 +603,8 @@ mod tests {
     fn sweeps_follow_the_integral_of_their_frequency() {
         for (from_hz, to_hz) in [(1.0_f32, 2000.0_f32), (2000.0, 1.0), (100.0, 100.0)] {
             let (rate_hz, samples) = (20e3_f32, 80_000_u32);
-            let linear = [made(Segment::linear_sweep(
-                rate_hz, 1.0, from_hz, to_hz, samples,
-            ))];
-            let log = [made(Segment::log_sweep(
-                rate_hz, 1.0, from_hz, to_hz, samples,
-            ))];
+            let linear = [made(Segment::linear_sweep(rate_hz, 1.0, from_hz, to_hz, samples))];
+            let log = [made(Segment::log_sweep(rate_hz, 1.0, from_hz, to_hz, samples))];
             let (f0, f1) = (f64::from(from_hz), f64::from(to_hz));
             let duration = 4.0;
             let both = play(&linear, 80_001).into_iter().zip(play(&log, 80_001));
@@ -732,14 +620,8 @@ mod tests {
                 // Sine and phase as above, 2.6e-7. Linear: the increment's error 2^-65 and the slope's 2^-65 k sum to
                 // k^2 2^-66 = 1e-10 turns at the end. Log: an error of one unit in each of 8e4 steps, growing with the
                 // frequency, sums to less than 8e4^2 2^-64 2000 = 7e-7 turns = 4e-6 rad at worst; f64's own 1e-16 of 8e3 turns is nothing.
-                assert!(
-                    (f64::from(linear) - (TAU * linear_turns).sin()).abs() < 3e-7,
-                    "{k}"
-                );
-                assert!(
-                    (f64::from(log) - (TAU * log_turns).sin()).abs() < 5e-6,
-                    "{k}"
-                );
+                assert!((f64::from(linear) - (TAU * linear_turns).sin()).abs() < 3e-7, "{k}");
+                assert!((f64::from(log) - (TAU * log_turns).sin()).abs() < 5e-6, "{k}");
             }
             assert_eq!(play(&linear, 80_001)[80_000], 0.0);
         }
@@ -748,10 +630,8 @@ mod tests {
     #[test]
     fn a_ladder_goes_up_and_down_and_ends_at_zero() {
         let segments = [made(Segment::ladder(60.0, 4, 2))];
-        let expected = [
-            15.0, 15.0, 30.0, 30.0, 45.0, 45.0, 60.0, 60.0, 45.0, 45.0, 30.0, 30.0, 15.0, 15.0,
-            0.0, 0.0, 0.0,
-        ];
+        let expected =
+            [15.0, 15.0, 30.0, 30.0, 45.0, 45.0, 60.0, 60.0, 45.0, 45.0, 30.0, 30.0, 15.0, 15.0, 0.0, 0.0, 0.0];
         assert_eq!(play(&segments, 17), expected);
         assert_eq!(segments[0].samples(), 16);
     }
@@ -759,14 +639,8 @@ mod tests {
     #[test]
     fn a_table_repeats_and_starts_afresh_in_each_segment() {
         let values = [1.0, 2.0, 3.0];
-        let segments = [
-            made(Segment::table(&values, 4)),
-            made(Segment::table(&values, 3)),
-        ];
-        assert_eq!(
-            play(&segments, 9),
-            [1.0, 2.0, 3.0, 1.0, 1.0, 2.0, 3.0, 1.0, 2.0]
-        );
+        let segments = [made(Segment::table(&values, 4)), made(Segment::table(&values, 3))];
+        assert_eq!(play(&segments, 9), [1.0, 2.0, 3.0, 1.0, 1.0, 2.0, 3.0, 1.0, 2.0]);
     }
 
     #[test]
@@ -782,10 +656,7 @@ mod tests {
         assert_eq!(Segment::ladder(1.0, 65_535, u32::MAX), Err(Length));
         assert_eq!(Segment::table(&[], 1), Err(Length));
         assert_eq!(Segment::table(&[f32::INFINITY], 1), Err(NotFinite));
-        assert_eq!(
-            Segment::log_sweep(20e3, 1.0, 1.0, 2000.0, 10),
-            Err(SweepTooFast)
-        );
+        assert_eq!(Segment::log_sweep(20e3, 1.0, 1.0, 2000.0, 10), Err(SweepTooFast));
         assert_eq!(samples_in(20e3, 0.5), Ok(10_000));
         assert_eq!(samples_in(20e3, 0.0), Err(Length));
         assert_eq!(samples_in(20e3, f32::NAN), Err(Length));
@@ -800,10 +671,7 @@ mod tests {
             assert!((natural_logarithm(x) - x.ln()).abs() < 4e-15, "{x}");
             let small = f64::from(i) / 4000.0;
             for x in [small, -small] {
-                assert!(
-                    (exponential_less_one_over(x) - x.exp_m1() / x).abs() < 1e-15,
-                    "{x}"
-                );
+                assert!((exponential_less_one_over(x) - x.exp_m1() / x).abs() < 1e-15, "{x}");
             }
         }
     }

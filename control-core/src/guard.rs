@@ -27,10 +27,7 @@ pub struct GuardState {
 
 impl Default for GuardState {
     fn default() -> Self {
-        GuardState {
-            measured_m: f32::NAN,
-            latched: Limits::NONE,
-        }
+        GuardState { measured_m: f32::NAN, latched: Limits::NONE }
     }
 }
 
@@ -58,11 +55,7 @@ impl Guard {
         let tripless = settings.trip_m.is_infinite();
         Guard {
             trip_m: if tripless { f32::MAX } else { settings.trip_m },
-            stop_samples: if tripless {
-                0.0
-            } else {
-                settings.stop_time_s * settings.rate_hz
-            },
+            stop_samples: if tripless { 0.0 } else { settings.stop_time_s * settings.rate_hz },
         }
     }
 
@@ -87,11 +80,7 @@ impl Guard {
             state.latch(Limits::NOT_A_NUMBER);
             return state.latched;
         }
-        let moved_m = if state.measured_m.is_nan() {
-            0.0
-        } else {
-            measured_m - state.measured_m
-        };
+        let moved_m = if state.measured_m.is_nan() { 0.0 } else { measured_m - state.measured_m };
         let reach_m = measured_m.abs() + moved_m.abs() * self.stop_samples;
         // Without a trip the reach can still overflow to NaN (infinity times 0); that is no trip.
         if reach_m <= self.trip_m || self.trip_m == f32::MAX {
@@ -108,10 +97,7 @@ mod tests {
     use super::*;
 
     fn guard(trip_m: f32, stop_samples: f32) -> Guard {
-        Guard {
-            trip_m,
-            stop_samples,
-        }
+        Guard { trip_m, stop_samples }
     }
 
     #[test]
@@ -146,10 +132,7 @@ mod tests {
         let guard = guard(f32::MAX, 0.0);
         let mut state = GuardState::default();
         for measured_m in [0.0, 3e38, -3e38, 1e-45, f32::MAX, f32::MIN] {
-            assert!(
-                guard.watch(&mut state, measured_m).is_empty(),
-                "{measured_m}"
-            );
+            assert!(guard.watch(&mut state, measured_m).is_empty(), "{measured_m}");
         }
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let mut state = GuardState::default();

@@ -95,8 +95,7 @@ impl Law {
         }
         // Inside the clamp it is a number, so the common path needs no comparison of its own for that.
         let (reference_m, shaped) = if self.shaper.holds(reference_m) {
-            self.shaper
-                .follow(&mut state.shaper, reference_m, Limits::NONE)
+            self.shaper.follow(&mut state.shaper, reference_m, Limits::NONE)
         } else if is_number(reference_m) {
             self.shaper.follow_clamped(&mut state.shaper, reference_m)
         } else {
@@ -108,11 +107,7 @@ impl Law {
             state.guard.latch(limited);
             return self.safe(state);
         }
-        Output {
-            drive_v,
-            reference_m,
-            limited_by: shaped | limited,
-        }
+        Output { drive_v, reference_m, limited_by: shaped | limited }
     }
 
     /// One sample of an open-loop experiment: the commanded drive within the same volt and slew limits, watched by the
@@ -127,11 +122,7 @@ impl Law {
             return self.safe(state);
         }
         let (drive_v, limited_by) = self.pi.step_open(&mut state.pi, command_v);
-        Output {
-            drive_v,
-            reference_m: state.shaper.reference(),
-            limited_by,
-        }
+        Output { drive_v, reference_m: state.shaper.reference(), limited_by }
     }
 
     /// Prepares `state`, left behind by `old`, for this law: the drive continues without a bump at the last reference
@@ -145,8 +136,7 @@ impl Law {
         // NaN: no sample was seen yet, so there is nothing to continue.
         if measured_m.is_finite() {
             let reference_m = state.shaper.reference();
-            self.pi
-                .take_over(&old.pi, &mut state.pi, reference_m, measured_m);
+            self.pi.take_over(&old.pi, &mut state.pi, reference_m, measured_m);
         }
         state.shaper.rescale(old.rate_hz / self.rate_hz);
     }
@@ -180,11 +170,7 @@ impl Law {
     #[cold]
     fn safe(&self, state: &mut LawState) -> Output {
         let (drive_v, limits) = self.pi.step_open(&mut state.pi, 0.0);
-        Output {
-            drive_v,
-            reference_m: state.shaper.reference(),
-            limited_by: limits | state.guard.latched(),
-        }
+        Output { drive_v, reference_m: state.shaper.reference(), limited_by: limits | state.guard.latched() }
     }
 }
 
@@ -233,10 +219,7 @@ mod tests {
         }
         // 10 samples at 0.5 um per sample^2: the rate of 5 um per sample is reached.
         let output = law.step(&mut state, 1.0, 0.0);
-        assert_eq!(
-            output.limited_by,
-            Limits::REFERENCE_CLAMP | Limits::REFERENCE_RATE
-        );
+        assert_eq!(output.limited_by, Limits::REFERENCE_CLAMP | Limits::REFERENCE_RATE);
         // 1e5 samples of a sensor stuck at 0: 53 V of feedforward, the integral fills the rest.
         for _ in 0..100_000 {
             law.step(&mut state, 1.0, 0.0);
@@ -265,31 +248,17 @@ mod tests {
     fn a_fresh_state_forgets_a_trip() {
         let law = build(&settings(20e3));
         let mut state = LawState::default();
-        assert!(
-            law.step(&mut state, 0.0, 200e-6)
-                .limited_by
-                .contains(Limits::TRIP)
-        );
+        assert!(law.step(&mut state, 0.0, 200e-6).limited_by.contains(Limits::TRIP));
         assert_eq!(state.latched(), Limits::TRIP);
-        assert!(
-            law.step(&mut state, 0.0, 0.0)
-                .limited_by
-                .contains(Limits::TRIP)
-        );
+        assert!(law.step(&mut state, 0.0, 0.0).limited_by.contains(Limits::TRIP));
         state = LawState::default();
         assert!(law.step(&mut state, 0.0, 0.0).limited_by.is_empty());
     }
 
     #[test]
     fn an_error_names_the_shaping_too() {
-        let spoiled = Settings {
-            reference_acceleration_m_per_s2: -1.0,
-            ..settings(20e3)
-        };
+        let spoiled = Settings { reference_acceleration_m_per_s2: -1.0, ..settings(20e3) };
         let field = "reference_acceleration_m_per_s2";
-        assert_eq!(
-            Law::try_build(&spoiled),
-            Err(SettingsError::NotPositive { field })
-        );
+        assert_eq!(Law::try_build(&spoiled), Err(SettingsError::NotPositive { field }));
     }
 }

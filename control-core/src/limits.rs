@@ -82,18 +82,12 @@ impl Limits {
 
     /// The words of the set, lowest bit first: `"volt"`, `"slew"`, ...
     pub fn words(self) -> impl Iterator<Item = &'static str> {
-        WORDS
-            .into_iter()
-            .filter(move |(reason, _)| self.contains(*reason))
-            .map(|(_, word)| word)
+        WORDS.into_iter().filter(move |(reason, _)| self.contains(*reason)).map(|(_, word)| word)
     }
 
     /// The single reason that `word` names, or `None`. The inverse of [`Limits::words`].
     pub fn from_word(word: &str) -> Option<Limits> {
-        WORDS
-            .into_iter()
-            .find(|(_, known)| *known == word)
-            .map(|(reason, _)| reason)
+        WORDS.into_iter().find(|(_, known)| *known == word).map(|(reason, _)| reason)
     }
 }
 

@@ -164,21 +164,12 @@ pub struct Controller {
 impl Controller {
     /// Idle, at 0 V.
     pub const fn new(law: Law) -> Controller {
-        Controller {
-            law,
-            mode: Mode::Idle,
-        }
+        Controller { law, mode: Mode::Idle }
     }
 
     /// In fault from the start, at 0 V: after a watchdog or brown-out reset.
     pub const fn in_fault(law: Law, code: FaultCode) -> Controller {
-        Controller {
-            law,
-            mode: Mode::Fault {
-                code,
-                ramp: Ramp::done(),
-            },
-        }
+        Controller { law, mode: Mode::Fault { code, ramp: Ramp::done() } }
     }
 
     /// The law in use.
@@ -227,9 +218,7 @@ impl Controller {
     pub fn arm(&mut self) -> Result<(), Refused> {
         match self.mode {
             Mode::Idle => {
-                self.mode = Mode::Armed {
-                    guard: GuardState::default(),
-                };
+                self.mode = Mode::Armed { guard: GuardState::default() };
                 Ok(())
             }
             _ => self.refuse(Action::Arm),
@@ -244,10 +233,7 @@ impl Controller {
     pub fn run(&mut self) -> Result<(), Refused> {
         match self.mode {
             Mode::Armed { .. } => {
-                self.mode = Mode::Running {
-                    law: LawState::default(),
-                    generator: GeneratorState::default(),
-                };
+                self.mode = Mode::Running { law: LawState::default(), generator: GeneratorState::default() };
                 Ok(())
             }
             _ => self.refuse(Action::Run),
@@ -266,9 +252,7 @@ impl Controller {
                 Ok(())
             }
             Mode::Running { law, .. } => {
-                self.mode = Mode::Stopping {
-                    ramp: Ramp::to_zero(law.drive_v(), self.law.slew_v()),
-                };
+                self.mode = Mode::Stopping { ramp: Ramp::to_zero(law.drive_v(), self.law.slew_v()) };
                 Ok(())
             }
             _ => self.refuse(Action::Stop),
@@ -341,11 +325,7 @@ impl Controller {
                 let drive_v = ramp.step();
                 let code = FaultCode::of_safe_state(output.limited_by);
                 self.mode = Mode::Fault { code, ramp };
-                Output {
-                    drive_v,
-                    reference_m: output.reference_m,
-                    limited_by: code.limits() | Limits::RAMP,
-                }
+                Output { drive_v, reference_m: output.reference_m, limited_by: code.limits() | Limits::RAMP }
             }
             Mode::Stopping { ramp } => {
                 let output = descending(ramp, Limits::NONE);
@@ -359,20 +339,13 @@ impl Controller {
     }
 
     fn refuse(&self, action: Action) -> Result<(), Refused> {
-        Err(Refused {
-            action,
-            mode: self.mode_name(),
-        })
+        Err(Refused { action, mode: self.mode_name() })
     }
 }
 
 /// 0 V.
 fn at_rest(limited_by: Limits) -> Output {
-    Output {
-        drive_v: 0.0,
-        reference_m: 0.0,
-        limited_by,
-    }
+    Output { drive_v: 0.0, reference_m: 0.0, limited_by }
 }
 
 /// One sample of a ramp, marked as such while it moves.
@@ -380,11 +353,7 @@ fn descending(ramp: &mut Ramp, limits: Limits) -> Output {
     if ramp.is_done() {
         return at_rest(limits);
     }
-    Output {
-        drive_v: ramp.step(),
-        reference_m: 0.0,
-        limited_by: limits | Limits::RAMP,
-    }
+    Output { drive_v: ramp.step(), reference_m: 0.0, limited_by: limits | Limits::RAMP }
 }
 
 #[cfg(test)]
@@ -413,10 +382,7 @@ mod tests {
     }
 
     fn hold(measured_m: f32) -> Input<'static> {
-        Input {
-            command: Command::Reference { reference_m: 50e-6 },
-            measured_m,
-        }
+        Input { command: Command::Reference { reference_m: 50e-6 }, measured_m }
     }
 
     /// A controller in each mode, the ramps under way.
@@ -442,13 +408,8 @@ mod tests {
         controller
     }
 
-    const MODES: [ModeName; 5] = [
-        ModeName::Idle,
-        ModeName::Armed,
-        ModeName::Running,
-        ModeName::Stopping,
-        ModeName::Fault,
-    ];
+    const MODES: [ModeName; 5] =
+        [ModeName::Idle, ModeName::Armed, ModeName::Running, ModeName::Stopping, ModeName::Fault];
 
     #[test]
     fn the_whole_table_of_actions() {
@@ -471,10 +432,7 @@ mod tests {
                 let mut controller = in_mode(mode);
                 let before_v = controller.drive_v();
                 let result = act(&mut controller);
-                match allowed
-                    .iter()
-                    .find(|(a, from, _)| *a == action && *from == mode)
-                {
+                match allowed.iter().find(|(a, from, _)| *a == action && *from == mode) {
                     Some((_, _, to)) => {
                         assert_eq!(result, Ok(()));
                         assert_eq!(controller.mode_name(), *to);
@@ -497,11 +455,7 @@ mod tests {
             let mut controller = in_mode(mode);
             let before_v = controller.drive_v();
             controller.trip(FaultCode::Overrun);
-            let expected = if mode == ModeName::Fault {
-                FaultCode::LinkLoss
-            } else {
-                FaultCode::Overrun
-            };
+            let expected = if mode == ModeName::Fault { FaultCode::LinkLoss } else { FaultCode::Overrun };
             assert_eq!(controller.fault(), Some(expected));
             assert_eq!(controller.drive_v(), before_v);
             let mut last_v = before_v;
@@ -559,24 +513,15 @@ mod tests {
         let mut faulted = stopped;
         faulted.trip(FaultCode::LinkLoss);
         for _ in 0..30 {
-            assert_eq!(
-                stopped.tick(&hold(0.0)).drive_v,
-                faulted.tick(&hold(0.0)).drive_v
-            );
+            assert_eq!(stopped.tick(&hold(0.0)).drive_v, faulted.tick(&hold(0.0)).drive_v);
         }
     }
 
     #[test]
     fn a_generator_advances_only_while_running() {
-        let segments = [
-            Segment::hold(1.0, 1).expect("sound"),
-            Segment::hold(5.0, 1).expect("sound"),
-        ];
+        let segments = [Segment::hold(1.0, 1).expect("sound"), Segment::hold(5.0, 1).expect("sound")];
         let generator = Generator::new(&segments);
-        let input = Input {
-            command: Command::GeneratedDrive(&generator),
-            measured_m: 0.0,
-        };
+        let input = Input { command: Command::GeneratedDrive(&generator), measured_m: 0.0 };
         let mut controller = Controller::new(law());
         assert_eq!(controller.tick(&input).drive_v, 0.0);
         controller.arm().expect("idle");
@@ -584,10 +529,7 @@ mod tests {
         controller.run().expect("armed");
         assert_eq!(controller.tick(&input).drive_v, 1.0);
         assert_eq!(controller.tick(&input).drive_v, 5.0);
-        let closed = Input {
-            command: Command::GeneratedReference(&generator),
-            measured_m: 0.0,
-        };
+        let closed = Input { command: Command::GeneratedReference(&generator), measured_m: 0.0 };
         // 5 m is clamped to 100 um; the drive moves by its slew, 10 V.
         let output = controller.tick(&closed);
         assert_eq!(output.reference_m, 100e-6);

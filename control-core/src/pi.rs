@@ -82,14 +82,10 @@ impl Pi {
         let carried_v = increment_v + state.remainder_v;
         let integral_v = state.integral_v + carried_v;
         let remainder_v = carried_v - (integral_v - state.integral_v);
-        let wish_v =
-            self.feedforward_v_per_m * reference_m + self.kp_v_per_m * error_m + integral_v;
+        let wish_v = self.feedforward_v_per_m * reference_m + self.kp_v_per_m * error_m + integral_v;
 
         // Written so that NaN fails it.
-        if (wish_v - state.drive_v).abs() <= self.slew_v
-            && wish_v <= self.drive_max_v
-            && wish_v >= self.drive_min_v
-        {
+        if (wish_v - state.drive_v).abs() <= self.slew_v && wish_v <= self.drive_max_v && wish_v >= self.drive_min_v {
             state.drive_v = wish_v;
             state.integral_v = integral_v;
             state.remainder_v = remainder_v;
@@ -146,13 +142,7 @@ impl Pi {
     /// Moves the integral so that this law continues where `old` was, for the last reference and measurement.
     ///
     /// I' = I + (ff_old - ff) r + (Kp_old - Kp) e. A change of Ki alone changes nothing, since the integral is in volts.
-    pub(crate) fn take_over(
-        &self,
-        old: &Pi,
-        state: &mut PiState,
-        reference_m: f32,
-        measured_m: f32,
-    ) {
+    pub(crate) fn take_over(&self, old: &Pi, state: &mut PiState, reference_m: f32, measured_m: f32) {
         let error_m = reference_m - measured_m;
         let shift_v = (old.feedforward_v_per_m - self.feedforward_v_per_m) * reference_m
             + (old.kp_v_per_m - self.kp_v_per_m) * error_m;
@@ -206,10 +196,7 @@ mod tests {
         pi.step(&mut state, 1e-6, 0.0);
         let drive_v = state.drive_v();
         // ff r = +inf and Kp e = -inf have no sum.
-        assert_eq!(
-            pi.step(&mut state, 1e34, 2e34),
-            (drive_v, Limits::NOT_A_NUMBER)
-        );
+        assert_eq!(pi.step(&mut state, 1e34, 2e34), (drive_v, Limits::NOT_A_NUMBER));
         // A plain overflow is held at the greatest number.
         assert_eq!(pi.step(&mut state, 1e34, 0.0), (f32::MAX, Limits::VOLT));
     }
@@ -224,14 +211,8 @@ mod tests {
         let mut state = PiState::default();
         assert_eq!(pi.step_open(&mut state, 40.0), (40.0, Limits::NONE));
         assert_eq!(pi.step_open(&mut state, 200.0), (90.0, Limits::VOLT));
-        assert_eq!(
-            pi.step_open(&mut state, -200.0),
-            (40.0, Limits::VOLT | Limits::SLEW)
-        );
-        assert_eq!(
-            pi.step_open(&mut state, f32::NAN),
-            (40.0, Limits::NOT_A_NUMBER)
-        );
+        assert_eq!(pi.step_open(&mut state, -200.0), (40.0, Limits::VOLT | Limits::SLEW));
+        assert_eq!(pi.step_open(&mut state, f32::NAN), (40.0, Limits::NOT_A_NUMBER));
         assert_eq!(state.integral_v(), 0.0);
     }
 }

@@ -20,22 +20,12 @@ impl Ramp {
         // The conversion saturates. One sample more covers the rounding of the quotient.
         let samples = (1.875 * from_v.abs() / slew_v) as u32;
         let samples = samples.saturating_add(1);
-        Ramp {
-            from_v,
-            sample_idx: 0,
-            samples,
-            per_sample: 1.0 / samples as f32,
-        }
+        Ramp { from_v, sample_idx: 0, samples, per_sample: 1.0 / samples as f32 }
     }
 
     /// A ramp that has already arrived.
     pub const fn done() -> Ramp {
-        Ramp {
-            from_v: 0.0,
-            sample_idx: 1,
-            samples: 1,
-            per_sample: 1.0,
-        }
+        Ramp { from_v: 0.0, sample_idx: 1, samples: 1, per_sample: 1.0 }
     }
 
     /// Whether 0 V has been reached.
@@ -66,13 +56,7 @@ mod tests {
 
     #[test]
     fn starts_where_the_drive_was_and_ends_at_exactly_zero() {
-        for (from_v, slew_v) in [
-            (90.0_f32, 10.0_f32),
-            (-60.0, 0.013),
-            (1e-3, 5.0),
-            (0.0, 1.0),
-            (75.0, f32::INFINITY),
-        ] {
+        for (from_v, slew_v) in [(90.0_f32, 10.0_f32), (-60.0, 0.013), (1e-3, 5.0), (0.0, 1.0), (75.0, f32::INFINITY)] {
             let mut ramp = Ramp::to_zero(from_v, slew_v);
             assert_eq!(ramp.drive_v(), from_v);
             let mut last_v = from_v;
@@ -97,8 +81,7 @@ mod tests {
     fn jerk_stays_within_its_bound() {
         let mut ramp = Ramp::to_zero(90.0, 0.09);
         let samples = f64::from(ramp.samples);
-        let drives_v: std::vec::Vec<f64> =
-            (0..ramp.samples).map(|_| f64::from(ramp.step())).collect();
+        let drives_v: std::vec::Vec<f64> = (0..ramp.samples).map(|_| f64::from(ramp.step())).collect();
         // 60 u0 / N^3 = 8.2e-7 V per sample^3 here is below f32 resolution, so jerk is taken over strides of 100 samples.
         let jerk_bound = 60.0 * 90.0 / samples.powi(3) * 1e6;
         let coarse: std::vec::Vec<f64> = drives_v.iter().copied().step_by(100).collect();

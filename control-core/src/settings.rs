@@ -46,12 +46,7 @@ impl Settings {
     pub const DEFAULT_TRIP_M: f32 = 120e-6;
 
     /// Plain PI with feedforward and no guard at all, for reproducing published simulations; see [`Settings::is_unlimited`].
-    pub const fn unlimited(
-        rate_hz: f32,
-        kp_v_per_m: f32,
-        ki_v_per_m_s: f32,
-        feedforward_v_per_m: f32,
-    ) -> Settings {
+    pub const fn unlimited(rate_hz: f32, kp_v_per_m: f32, ki_v_per_m_s: f32, feedforward_v_per_m: f32) -> Settings {
         Settings {
             rate_hz,
             kp_v_per_m,
@@ -73,21 +68,14 @@ impl Settings {
     /// Missing shaping does not count, because an unshaped step is a legitimate bench experiment that the other guards
     /// make safe; see [`Settings::is_unshaped`].
     pub fn is_unlimited(&self) -> bool {
-        [
-            self.drive_min_v,
-            self.drive_max_v,
-            self.slew_v_per_s,
-            self.reference_max_m,
-            self.trip_m,
-        ]
-        .iter()
-        .any(|guard| guard.is_infinite())
+        [self.drive_min_v, self.drive_max_v, self.slew_v_per_s, self.reference_max_m, self.trip_m]
+            .iter()
+            .any(|guard| guard.is_infinite())
     }
 
     /// Whether the reference is only clamped, with neither its rate nor its acceleration bounded.
     pub fn is_unshaped(&self) -> bool {
-        self.reference_rate_m_per_s.is_infinite()
-            && self.reference_acceleration_m_per_s2.is_infinite()
+        self.reference_rate_m_per_s.is_infinite() && self.reference_acceleration_m_per_s2.is_infinite()
     }
 
     /// Checks every field by itself and the fields against one another.
@@ -101,14 +89,10 @@ impl Settings {
         finite_from_zero("stop_time_s", self.stop_time_s)?;
         // 0 V at the actuator is the safe level, so it has to be reachable.
         if self.drive_min_v.is_nan() || self.drive_min_v > 0.0 {
-            return Err(SettingsError::ZeroOutside {
-                field: "drive_min_v",
-            });
+            return Err(SettingsError::ZeroOutside { field: "drive_min_v" });
         }
         if self.drive_max_v.is_nan() || self.drive_max_v < 0.0 {
-            return Err(SettingsError::ZeroOutside {
-                field: "drive_max_v",
-            });
+            return Err(SettingsError::ZeroOutside { field: "drive_max_v" });
         }
         // The products below are what the law really uses; they must not overflow or vanish.
         finite_from_zero("ki_v_per_m_s", self.ki_v_per_m_s / self.rate_hz)?;
@@ -184,9 +168,9 @@ impl fmt::Display for SettingsError {
             SettingsError::ShapingWithoutClamp => f.write_str(
                 "reference_max_m must be finite when reference_rate_m_per_s or reference_acceleration_m_per_s2 is",
             ),
-            SettingsError::AccelerationTooSmall => f.write_str(
-                "reference_acceleration_m_per_s2 / rate_hz must be at least reference_rate_m_per_s / 65536",
-            ),
+            SettingsError::AccelerationTooSmall => {
+                f.write_str("reference_acceleration_m_per_s2 / rate_hz must be at least reference_rate_m_per_s / 65536")
+            }
             SettingsError::TooSmall { field, at_least } => {
                 write!(f, "{field} must be at least {at_least}")
             }
@@ -201,11 +185,7 @@ impl core::error::Error for SettingsError {}
 
 /// Refuses NaN, zero and negative numbers; infinity passes.
 pub(crate) fn above_zero(field: &'static str, value: f32) -> Result<(), SettingsError> {
-    if value > 0.0 {
-        Ok(())
-    } else {
-        Err(SettingsError::NotPositive { field })
-    }
+    if value > 0.0 { Ok(()) } else { Err(SettingsError::NotPositive { field }) }
 }
 
 /// Refuses NaN, infinities, zero and negative numbers.
@@ -217,20 +197,12 @@ pub(crate) fn finite_above_zero(field: &'static str, value: f32) -> Result<(), S
 /// Refuses NaN, infinities and negative numbers.
 pub(crate) fn finite_from_zero(field: &'static str, value: f32) -> Result<(), SettingsError> {
     finite(field, value)?;
-    if value >= 0.0 {
-        Ok(())
-    } else {
-        Err(SettingsError::Negative { field })
-    }
+    if value >= 0.0 { Ok(()) } else { Err(SettingsError::Negative { field }) }
 }
 
 /// Refuses NaN and infinities.
 pub(crate) fn finite(field: &'static str, value: f32) -> Result<(), SettingsError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(SettingsError::NotFinite { field })
-    }
+    if value.is_finite() { Ok(()) } else { Err(SettingsError::NotFinite { field }) }
 }
 
 #[cfg(test)]
@@ -262,70 +234,18 @@ mod tests {
     #[test]
     fn each_wrong_field_is_named() {
         let cases: [(Spoil, SettingsError); 12] = [
-            (
-                |s| s.rate_hz = 0.0,
-                SettingsError::NotPositive { field: "rate_hz" },
-            ),
-            (
-                |s| s.rate_hz = f32::INFINITY,
-                SettingsError::NotFinite { field: "rate_hz" },
-            ),
-            (
-                |s| s.kp_v_per_m = f32::NAN,
-                SettingsError::NotFinite {
-                    field: "kp_v_per_m",
-                },
-            ),
-            (
-                |s| s.kp_v_per_m = -1.0,
-                SettingsError::Negative {
-                    field: "kp_v_per_m",
-                },
-            ),
-            (
-                |s| s.ki_v_per_m_s = -1.0,
-                SettingsError::Negative {
-                    field: "ki_v_per_m_s",
-                },
-            ),
-            (
-                |s| s.feedforward_v_per_m = f32::INFINITY,
-                SettingsError::NotFinite {
-                    field: "feedforward_v_per_m",
-                },
-            ),
-            (
-                |s| s.drive_min_v = 1.0,
-                SettingsError::ZeroOutside {
-                    field: "drive_min_v",
-                },
-            ),
-            (
-                |s| s.drive_max_v = f32::NAN,
-                SettingsError::ZeroOutside {
-                    field: "drive_max_v",
-                },
-            ),
-            (
-                |s| s.slew_v_per_s = 0.0,
-                SettingsError::NotPositive {
-                    field: "slew_v_per_s",
-                },
-            ),
-            (
-                |s| s.trip_m = f32::NAN,
-                SettingsError::NotPositive { field: "trip_m" },
-            ),
-            (
-                |s| s.stop_time_s = -1e-9,
-                SettingsError::Negative {
-                    field: "stop_time_s",
-                },
-            ),
-            (
-                |s| s.reference_max_m = 120e-6,
-                SettingsError::ClampBeyondTrip,
-            ),
+            (|s| s.rate_hz = 0.0, SettingsError::NotPositive { field: "rate_hz" }),
+            (|s| s.rate_hz = f32::INFINITY, SettingsError::NotFinite { field: "rate_hz" }),
+            (|s| s.kp_v_per_m = f32::NAN, SettingsError::NotFinite { field: "kp_v_per_m" }),
+            (|s| s.kp_v_per_m = -1.0, SettingsError::Negative { field: "kp_v_per_m" }),
+            (|s| s.ki_v_per_m_s = -1.0, SettingsError::Negative { field: "ki_v_per_m_s" }),
+            (|s| s.feedforward_v_per_m = f32::INFINITY, SettingsError::NotFinite { field: "feedforward_v_per_m" }),
+            (|s| s.drive_min_v = 1.0, SettingsError::ZeroOutside { field: "drive_min_v" }),
+            (|s| s.drive_max_v = f32::NAN, SettingsError::ZeroOutside { field: "drive_max_v" }),
+            (|s| s.slew_v_per_s = 0.0, SettingsError::NotPositive { field: "slew_v_per_s" }),
+            (|s| s.trip_m = f32::NAN, SettingsError::NotPositive { field: "trip_m" }),
+            (|s| s.stop_time_s = -1e-9, SettingsError::Negative { field: "stop_time_s" }),
+            (|s| s.reference_max_m = 120e-6, SettingsError::ClampBeyondTrip),
         ];
         assert_eq!(guarded().check(), Ok(()));
         for (spoil, error) in cases {

@@ -89,15 +89,7 @@ impl Default for ShaperState {
 impl ShaperState {
     /// At rest at `reference`.
     pub fn at(reference: f32) -> ShaperState {
-        ShaperState {
-            reference,
-            followed_velocity: 0.0,
-            pursuit: Pursuit {
-                velocity: 0.0,
-                remainder: 0.0,
-                lag: 0.0,
-            },
-        }
+        ShaperState { reference, followed_velocity: 0.0, pursuit: Pursuit { velocity: 0.0, remainder: 0.0, lag: 0.0 } }
     }
 
     /// The last output.
@@ -116,11 +108,7 @@ impl ShaperState {
         if self.followed_velocity.is_nan() {
             self.pursuit
         } else {
-            Pursuit {
-                velocity: self.followed_velocity,
-                remainder: 0.0,
-                lag: 0.0,
-            }
+            Pursuit { velocity: self.followed_velocity, remainder: 0.0, lag: 0.0 }
         }
     }
 }
@@ -152,10 +140,7 @@ impl Shaper {
             }
             // Squares of the clamp must stay far inside f32.
             if clamp > 1e9 {
-                return Err(SettingsError::TooLarge {
-                    field: "reference_max_m",
-                    at_most: 1_000_000_000,
-                });
+                return Err(SettingsError::TooLarge { field: "reference_max_m", at_most: 1_000_000_000 });
             }
         }
         // Inside the clamp no move is longer than 2 clamp and no change of move greater than 4 clamp, so these finite
@@ -180,11 +165,7 @@ impl Shaper {
     /// the reference already reached.
     #[inline]
     pub fn step(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
-        if self.holds(wish) {
-            self.follow(state, wish, Limits::NONE)
-        } else {
-            self.follow_clamped(state, wish)
-        }
+        if self.holds(wish) { self.follow(state, wish, Limits::NONE) } else { self.follow_clamped(state, wish) }
     }
 
     /// Whether the wish is a number inside the clamp.
@@ -196,22 +177,13 @@ impl Shaper {
     /// The wish lies beyond the clamp, or is no number.
     #[cold]
     pub(crate) fn follow_clamped(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
-        let target = if wish.is_nan() {
-            state.reference
-        } else {
-            between(wish, -self.clamp, self.clamp)
-        };
+        let target = if wish.is_nan() { state.reference } else { between(wish, -self.clamp, self.clamp) };
         self.follow(state, target, Limits::REFERENCE_CLAMP)
     }
 
     /// One sample towards a target inside the clamp.
     #[inline(always)]
-    pub(crate) fn follow(
-        &self,
-        state: &mut ShaperState,
-        target: f32,
-        limits: Limits,
-    ) -> (f32, Limits) {
+    pub(crate) fn follow(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
         if !self.shapes {
             state.reference = target;
             return (target, limits);
@@ -236,18 +208,10 @@ impl Shaper {
     /// The general move: see the module's text.
     #[inline(never)]
     fn catch_up(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
-        let Pursuit {
-            velocity: last_velocity,
-            remainder,
-            lag,
-        } = state.pursuit();
+        let Pursuit { velocity: last_velocity, remainder, lag } = state.pursuit();
         let step = target - state.reference;
         let target_move = step - lag;
-        let target_velocity = if target_move.abs() > self.rate_per_sample {
-            0.0
-        } else {
-            target_move
-        };
+        let target_velocity = if target_move.abs() > self.rate_per_sample { 0.0 } else { target_move };
         let distance = step - target_velocity;
         let wish = if distance.abs() <= self.acceleration_per_sample2 {
             step
@@ -258,10 +222,7 @@ impl Shaper {
         // Rate and clamp bound the speed in the direction of the wish; the acceleration bounds the velocity, and goes last,
         // because braking fully is always allowed.
         let room = self.clamp - with_sign(state.reference, wish);
-        let speed = lesser(
-            lesser(wish.abs(), self.rate_per_sample),
-            self.approach(room),
-        );
+        let speed = lesser(lesser(wish.abs(), self.rate_per_sample), self.approach(room));
         let velocity = between(
             with_sign(speed, wish),
             last_velocity - self.acceleration_per_sample2,
@@ -278,19 +239,11 @@ impl Shaper {
         let moved = state.reference + advance;
         let remainder = advance - (moved - state.reference);
         // Only rounding can bring this beyond the clamp.
-        let reference = if self.holds(moved) {
-            moved
-        } else {
-            with_sign(self.clamp, moved)
-        };
+        let reference = if self.holds(moved) { moved } else { with_sign(self.clamp, moved) };
         *state = ShaperState {
             reference,
             followed_velocity: f32::NAN,
-            pursuit: Pursuit {
-                velocity,
-                remainder,
-                lag: target - reference,
-            },
+            pursuit: Pursuit { velocity, remainder, lag: target - reference },
         };
         let reason = if reference == target {
             Limits::NONE
@@ -305,11 +258,7 @@ impl Shaper {
     /// f(d): the greatest move from which braking ends within `distance`.
     #[inline(always)]
     fn approach(&self, distance: f32) -> f32 {
-        if distance <= 2.0 * self.half_planned {
-            distance
-        } else {
-            self.approach_from_afar(distance)
-        }
+        if distance <= 2.0 * self.half_planned { distance } else { self.approach_from_afar(distance) }
     }
 
     /// f(d) where the distance is known to be beyond a.
@@ -350,18 +299,9 @@ mod tests {
             assert_eq!(reference.to_bits(), wish.to_bits());
             assert!(limits.is_empty());
         }
-        assert_eq!(
-            shaper.step(&mut state, f32::INFINITY),
-            (CLAMP_M, Limits::REFERENCE_CLAMP)
-        );
-        assert_eq!(
-            shaper.step(&mut state, -1.0),
-            (-CLAMP_M, Limits::REFERENCE_CLAMP)
-        );
-        assert_eq!(
-            shaper.step(&mut state, f32::NAN),
-            (-CLAMP_M, Limits::REFERENCE_CLAMP)
-        );
+        assert_eq!(shaper.step(&mut state, f32::INFINITY), (CLAMP_M, Limits::REFERENCE_CLAMP));
+        assert_eq!(shaper.step(&mut state, -1.0), (-CLAMP_M, Limits::REFERENCE_CLAMP));
+        assert_eq!(shaper.step(&mut state, f32::NAN), (-CLAMP_M, Limits::REFERENCE_CLAMP));
         let free = Shaper::try_build(1e6, f32::INFINITY, f32::INFINITY, f32::INFINITY);
         let free = free.expect("no bounds at all");
         for wish in [f32::MAX, f32::MIN, 3.3e38, -3.3e38] {
@@ -377,10 +317,7 @@ mod tests {
         for sample in 1..=16 {
             let (reference, limits) = shaper.step(&mut state, 80e-6);
             // One rounding of at most half an ulp (3.7e-12) per sample, kept small by the remainder.
-            assert!(
-                (reference - sample as f32 * 5e-6).abs() < 8e-12,
-                "{sample} {reference}"
-            );
+            assert!((reference - sample as f32 * 5e-6).abs() < 8e-12, "{sample} {reference}");
             assert_eq!(limits.is_empty(), sample == 16, "{sample}");
         }
         assert_eq!(shaper.step(&mut state, 80e-6), (80e-6, Limits::NONE));
@@ -408,24 +345,14 @@ mod tests {
                 assert!(samples < 1_000_000);
             }
             // Bang-bang: accelerate to the peak (or to the rate), coast, brake.
-            let (d, v, a) = (
-                f64::from(distance),
-                f64::from(rate),
-                f64::from(acceleration),
-            );
+            let (d, v, a) = (f64::from(distance), f64::from(rate), f64::from(acceleration));
             let peak = (d * a).sqrt().min(v);
             let optimal_s = d / peak + peak / a;
             let optimal = optimal_s * f64::from(rate_hz);
             // Braking at 63/64 of a with a root up to 0.18 % low: 98.1 % of a, so braking, half of the time, grows by 2 %; rounding up to whole samples and the
             // conservative f cost a few samples at the start, the peak and the end.
-            assert!(
-                f64::from(samples) <= optimal * 1.02 + 4.0,
-                "{samples} samples, bang-bang {optimal}"
-            );
-            assert!(
-                f64::from(samples) >= optimal - 1.0,
-                "faster than possible: {samples} {optimal}"
-            );
+            assert!(f64::from(samples) <= optimal * 1.02 + 4.0, "{samples} samples, bang-bang {optimal}");
+            assert!(f64::from(samples) >= optimal - 1.0, "faster than possible: {samples} {optimal}");
             assert_eq!(shaper.step(&mut state, distance), (distance, Limits::NONE));
         }
     }
@@ -450,26 +377,15 @@ mod tests {
     #[test]
     fn wrong_bounds_are_refused() {
         let build = Shaper::try_build;
-        assert_eq!(
-            build(20e3, f32::INFINITY, 1.0, f32::INFINITY),
-            Err(SettingsError::ShapingWithoutClamp)
-        );
-        assert_eq!(
-            build(20e3, 1e-4, 1.0, 0.1),
-            Err(SettingsError::AccelerationTooSmall)
-        );
+        assert_eq!(build(20e3, f32::INFINITY, 1.0, f32::INFINITY), Err(SettingsError::ShapingWithoutClamp));
+        assert_eq!(build(20e3, 1e-4, 1.0, 0.1), Err(SettingsError::AccelerationTooSmall));
         assert_eq!(
             build(20e3, 1e-4, f32::NAN, 0.1),
-            Err(SettingsError::NotPositive {
-                field: "reference_rate_m_per_s"
-            })
+            Err(SettingsError::NotPositive { field: "reference_rate_m_per_s" })
         );
         assert_eq!(
             build(20e3, 1e10, 1.0, f32::INFINITY),
-            Err(SettingsError::TooLarge {
-                field: "reference_max_m",
-                at_most: 1_000_000_000
-            })
+            Err(SettingsError::TooLarge { field: "reference_max_m", at_most: 1_000_000_000 })
         );
     }
 }

@@ -3,9 +3,7 @@
 //! Only IEEE + - * / on f32 and integer operations are used, so every machine and every optimisation level has to give this
 //! very hash. A change of the control law changes it on purpose: then the new value goes here, with a line in the changelog.
 
-use control_core::{
-    Calibration, CalibrationSettings, Command, Controller, Generator, Input, Law, Segment, Settings,
-};
+use control_core::{Calibration, CalibrationSettings, Command, Controller, Generator, Input, Law, Segment, Settings};
 
 /// FNV-1a, 64 bits.
 struct Fnv(u64);
@@ -35,18 +33,11 @@ fn run(seed: u32) -> (u64, [u32; 5]) {
         trip_m: 120e-6,
         stop_time_s: 100e-6,
     };
-    let stiffer = Settings {
-        kp_v_per_m: 6e4,
-        ki_v_per_m_s: 3e8,
-        ..settings
-    };
+    let stiffer = Settings { kp_v_per_m: 6e4, ki_v_per_m_s: 3e8, ..settings };
     let laws = [settings, stiffer].map(|s| Law::try_build(&s).expect("sound settings"));
-    let calibration =
-        Calibration::try_build(&CalibrationSettings::NUCLEO_G474RE).expect("sound settings");
+    let calibration = Calibration::try_build(&CalibrationSettings::NUCLEO_G474RE).expect("sound settings");
 
-    let table: Vec<f32> = (0..77_u8)
-        .map(|i| f32::from(i % 11) * 7e-6 - 30e-6)
-        .collect();
+    let table: Vec<f32> = (0..77_u8).map(|i| f32::from(i % 11) * 7e-6 - 30e-6).collect();
     let rate_hz = 20e3;
     let closed = [
         Segment::step(80e-6, 500),
@@ -100,17 +91,12 @@ fn run(seed: u32) -> (u64, [u32; 5]) {
             _ => calibration.displacement_m(code),
         };
         let command = match (closed_loop, dice) {
-            (_, 4004) => Command::Reference {
-                reference_m: f32::INFINITY,
-            },
+            (_, 4004) => Command::Reference { reference_m: f32::INFINITY },
             (_, 5000..=5100) => Command::Drive { drive_v: 200.0 },
             (true, _) => Command::GeneratedReference(&closed),
             (false, _) => Command::GeneratedDrive(&open),
         };
-        let output = controller.tick(&Input {
-            command,
-            measured_m,
-        });
+        let output = controller.tick(&Input { command, measured_m });
         let dac = calibration.dac_code(output.drive_v);
         displacement_m += (1.88e-6 * calibration.drive_v(dac) - displacement_m) * 0.25;
         hash.take(output.drive_v.to_bits());

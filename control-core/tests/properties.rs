@@ -1,8 +1,8 @@
 //! Laws that hold for every input, checked on arbitrary ones: NaN, infinities, subnormals and huge numbers included.
 
 use control_core::{
-    AdcCode, Calibration, CalibrationSettings, Command, Controller, FaultCode, Generator,
-    GeneratorState, Input, Law, LawState, Limits, ModeName, Segment, Settings, Shaper, ShaperState,
+    AdcCode, Calibration, CalibrationSettings, Command, Controller, FaultCode, Generator, GeneratorState, Input, Law,
+    LawState, Limits, ModeName, Segment, Settings, Shaper, ShaperState,
 };
 use proptest::prelude::*;
 
@@ -54,32 +54,20 @@ fn any_settings() -> impl Strategy<Value = Settings> {
         (-100.0_f32..0.0, 0.0_f32..100.0, 1e3_f32..1e7),
         (-3.0_f32..1.0, 0.0_f32..5.0, any::<bool>()),
     )
-        .prop_map(
-            |((rate_hz, kp, ki, feedforward), (low, high, slew), (rate, acceleration, shaped))| {
-                Settings {
-                    rate_hz,
-                    kp_v_per_m: kp,
-                    ki_v_per_m_s: ki,
-                    feedforward_v_per_m: feedforward,
-                    drive_min_v: low,
-                    drive_max_v: high,
-                    slew_v_per_s: slew,
-                    reference_max_m: 100e-6,
-                    reference_rate_m_per_s: if shaped {
-                        10_f32.powf(rate)
-                    } else {
-                        f32::INFINITY
-                    },
-                    reference_acceleration_m_per_s2: if shaped {
-                        10_f32.powf(acceleration)
-                    } else {
-                        f32::INFINITY
-                    },
-                    trip_m: 1.0,
-                    stop_time_s: 0.0,
-                }
-            },
-        )
+        .prop_map(|((rate_hz, kp, ki, feedforward), (low, high, slew), (rate, acceleration, shaped))| Settings {
+            rate_hz,
+            kp_v_per_m: kp,
+            ki_v_per_m_s: ki,
+            feedforward_v_per_m: feedforward,
+            drive_min_v: low,
+            drive_max_v: high,
+            slew_v_per_s: slew,
+            reference_max_m: 100e-6,
+            reference_rate_m_per_s: if shaped { 10_f32.powf(rate) } else { f32::INFINITY },
+            reference_acceleration_m_per_s2: if shaped { 10_f32.powf(acceleration) } else { f32::INFINITY },
+            trip_m: 1.0,
+            stop_time_s: 0.0,
+        })
         .prop_filter("brakeable", |settings| Law::try_build(settings).is_ok())
 }
 
@@ -322,13 +310,8 @@ proptest! {
 #[derive(Clone, Debug)]
 enum Piece {
     Level(f32),
-    Line {
-        slope: f32,
-    },
-    Sine {
-        amplitude: f32,
-        turns_per_sample: f32,
-    },
+    Line { slope: f32 },
+    Sine { amplitude: f32, turns_per_sample: f32 },
     Jump(f32),
 }
 
@@ -337,10 +320,8 @@ fn any_wish() -> impl Strategy<Value = Vec<f32>> {
         any_number().prop_map(Piece::Level),
         (-150e-6_f32..150e-6).prop_map(Piece::Level),
         (-6e-6_f32..6e-6).prop_map(|slope| Piece::Line { slope }),
-        (0.0_f32..130e-6, 1e-4_f32..0.1).prop_map(|(amplitude, turns_per_sample)| Piece::Sine {
-            amplitude,
-            turns_per_sample
-        }),
+        (0.0_f32..130e-6, 1e-4_f32..0.1)
+            .prop_map(|(amplitude, turns_per_sample)| Piece::Sine { amplitude, turns_per_sample }),
         (-5e-6_f32..5e-6).prop_map(Piece::Jump),
     ];
     prop::collection::vec((piece, 1_usize..80), 1..20).prop_map(|pieces| {
@@ -353,10 +334,9 @@ fn any_wish() -> impl Strategy<Value = Vec<f32>> {
                 last = match piece {
                     Piece::Level(level) => level,
                     Piece::Line { slope } => start + slope * k,
-                    Piece::Sine {
-                        amplitude,
-                        turns_per_sample,
-                    } => amplitude * (core::f32::consts::TAU * turns_per_sample * k).sin(),
+                    Piece::Sine { amplitude, turns_per_sample } => {
+                        amplitude * (core::f32::consts::TAU * turns_per_sample * k).sin()
+                    }
                     Piece::Jump(by) => start + by,
                 };
                 wish.push(last);
@@ -373,12 +353,10 @@ const ULP: f64 = 7.276e-12;
 
 /// Rate and acceleration per sample, from the given powers of ten up to 300 um, or infinite.
 fn bounds_from(rate: f32, acceleration: f32) -> impl Strategy<Value = (f32, f32)> {
-    let rate =
-        prop_oneof![4 => (rate..-3.5).prop_map(|x| 10_f32.powf(x)), 1 => Just(f32::INFINITY)];
+    let rate = prop_oneof![4 => (rate..-3.5).prop_map(|x| 10_f32.powf(x)), 1 => Just(f32::INFINITY)];
     let acceleration = prop_oneof![4 => (acceleration..-3.5).prop_map(|x| 10_f32.powf(x)), 1 => Just(f32::INFINITY)];
-    (rate, acceleration).prop_filter("brakeable", |(rate, acceleration)| {
-        Shaper::try_build(1.0, CLAMP, *rate, *acceleration).is_ok()
-    })
+    (rate, acceleration)
+        .prop_filter("brakeable", |(rate, acceleration)| Shaper::try_build(1.0, CLAMP, *rate, *acceleration).is_ok())
 }
 
 proptest! {

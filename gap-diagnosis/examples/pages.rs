@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use gap_diagnosis::page::{
-    FittedLog, FittedParameter, IdentifyView, ReplayView, SimulationView, SpectrumView, StartView,
-    identify_page, replay_page, simulation_page,
+    FittedLog, FittedParameter, IdentifyView, ReplayView, SimulationView, SpectrumView, StartView, identify_page,
+    replay_page, simulation_page,
 };
 
 const RATE_HZ: f64 = 10_000.0;
@@ -22,39 +22,20 @@ fn main() -> std::io::Result<()> {
 
     let n_samples = 40_000;
     let time_s: Vec<f64> = (0..n_samples).map(|k| f64::from(k) / RATE_HZ).collect();
-    let command_v: Vec<f64> = time_s
-        .iter()
-        .map(|t| 60.0 * (1.0 - 0.2 * t) * (std::f64::consts::TAU * 2.0 * t).sin())
-        .collect();
+    let command_v: Vec<f64> =
+        time_s.iter().map(|t| 60.0 * (1.0 - 0.2 * t) * (std::f64::consts::TAU * 2.0 * t).sin()).collect();
     let noise = made_noise(time_s.len(), 0.15);
-    let measured_um: Vec<f64> = play(&command_v, 1.45, 8.0)
-        .iter()
-        .zip(&noise)
-        .map(|(y, e)| y + e)
-        .collect();
+    let measured_um: Vec<f64> = play(&command_v, 1.45, 8.0).iter().zip(&noise).map(|(y, e)| y + e).collect();
     let predicted_um = play(&command_v, 1.42, 6.5);
-    let residual_um: Vec<f64> = measured_um
-        .iter()
-        .zip(&predicted_um)
-        .map(|(y, p)| y - p)
-        .collect();
+    let residual_um: Vec<f64> = measured_um.iter().zip(&predicted_um).map(|(y, p)| y - p).collect();
     let rms_um = (residual_um.iter().map(|e| e * e).sum::<f64>() / residual_um.len() as f64).sqrt();
     let correlation = autocorrelation(&residual_um, 200);
-    let provenance = [
-        "cargo run -p gap-diagnosis --example pages".to_owned(),
-        "seed 1, made data".to_owned(),
-    ];
+    let provenance = ["cargo run -p gap-diagnosis --example pages".to_owned(), "seed 1, made data".to_owned()];
 
-    let reference_um: Vec<f64> = time_s
-        .iter()
-        .map(|t| if t.fract() < 0.5 { 60.0 } else { -60.0 })
-        .collect();
+    let reference_um: Vec<f64> = time_s.iter().map(|t| if t.fract() < 0.5 { 60.0 } else { -60.0 }).collect();
     let followed_um = first_order_lag(&reference_um, 0.02);
-    let drive_v: Vec<f64> = reference_um
-        .iter()
-        .zip(&followed_um)
-        .map(|(r, y)| (0.5 * r + 0.6 * (r - y)).clamp(-90.0, 90.0))
-        .collect();
+    let drive_v: Vec<f64> =
+        reference_um.iter().zip(&followed_um).map(|(r, y)| (0.5 * r + 0.6 * (r - y)).clamp(-90.0, 90.0)).collect();
     simulation_page(&SimulationView {
         title: "Simulation: square wave, ±60 µm at 1 Hz",
         subtitle: "thesis plant, controller pi1, 10 kHz, delay 10 µs",
@@ -80,14 +61,9 @@ fn main() -> std::io::Result<()> {
     let frequency_hz: Vec<f64> = (1..4000).map(|k| f64::from(k) * 1.25).collect();
     let density: Vec<f64> = frequency_hz
         .iter()
-        .map(|f| {
-            0.0021 + 0.4 / (1.0 + (f / 2.0).powi(2)) + 0.004 / (1.0 + ((f - 330.0) / 15.0).powi(2))
-        })
+        .map(|f| 0.0021 + 0.4 / (1.0 + (f / 2.0).powi(2)) + 0.004 / (1.0 + ((f - 330.0) / 15.0).powi(2)))
         .collect();
-    let measured_density: Vec<f64> = frequency_hz
-        .iter()
-        .map(|f| 0.0021 + 40.0 / (1.0 + (f / 3.0).powi(2)))
-        .collect();
+    let measured_density: Vec<f64> = frequency_hz.iter().map(|f| 0.0021 + 40.0 / (1.0 + (f / 3.0).powi(2))).collect();
     replay_page(&ReplayView {
         title: "Replay: bench-2026-11-03.csv",
         subtitle: "models/fitted.toml driven with the logged command, open loop",
@@ -103,7 +79,10 @@ fn main() -> std::io::Result<()> {
             residual_um_per_sqrt_hz: &density,
             measured_um_per_sqrt_hz: Some(&measured_density),
         }),
-        metrics: &[("rms residual".into(), gap_diagnosis::page::four_digits(rms_um, "µm")), ("fit".into(), "97.12 %".into())],
+        metrics: &[
+            ("rms residual".into(), gap_diagnosis::page::four_digits(rms_um, "µm")),
+            ("fit".into(), "97.12 %".into()),
+        ],
         warnings: &[],
         provenance: &provenance,
     })
@@ -131,11 +110,7 @@ fn main() -> std::io::Result<()> {
     let starts: Vec<StartView> = (0..20)
         .map(|k| StartView {
             initial_rms_um: 6.0 + f64::from((k * 7) % 20),
-            final_rms_um: if k % 6 == 5 {
-                4.1 + 0.02 * f64::from(k)
-            } else {
-                rms_um
-            },
+            final_rms_um: if k % 6 == 5 { 4.1 + 0.02 * f64::from(k) } else { rms_um },
         })
         .collect();
     identify_page(&IdentifyView {
@@ -147,14 +122,7 @@ fn main() -> std::io::Result<()> {
             parameter("k0", "N/m", 1.234e6, Some(0.0012), 1.2e6, None),
             parameter("k1", "N/m", 2.5e5, Some(0.013), 2.9e5, None),
             parameter("d1", "N s/m", 71.2, Some(0.41), 70.0, None),
-            parameter(
-                "beta1",
-                "",
-                1.0,
-                None,
-                1.0,
-                Some("its dead zone opens in none of the logs"),
-            ),
+            parameter("beta1", "", 1.0, None, 1.0, Some("its dead zone opens in none of the logs")),
             parameter("gamma2", "µm", 3.21e-7, Some(0.02), 3.2e-7, None),
             FittedParameter {
                 name: "latency",
@@ -206,26 +174,13 @@ fn first_order_lag(input: &[f64], time_constant_s: f64) -> Vec<f64> {
 fn made_noise(n: usize, sigma: f64) -> Vec<f64> {
     let mut state = 1_u64;
     let mut uniform = || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1_u64 << 53) as f64
     };
-    (0..n)
-        .map(|_| sigma * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0))
-        .collect()
+    (0..n).map(|_| sigma * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)).collect()
 }
 
 fn autocorrelation(residual: &[f64], n_lags: usize) -> Vec<f64> {
     let power: f64 = residual.iter().map(|e| e * e).sum();
-    (0..=n_lags)
-        .map(|lag| {
-            residual
-                .iter()
-                .zip(&residual[lag..])
-                .map(|(a, b)| a * b)
-                .sum::<f64>()
-                / power
-        })
-        .collect()
+    (0..=n_lags).map(|lag| residual.iter().zip(&residual[lag..]).map(|(a, b)| a * b).sum::<f64>() / power).collect()
 }

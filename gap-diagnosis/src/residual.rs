@@ -32,11 +32,35 @@ impl Autocorrelation {
     pub fn outside(&self) -> usize {
         self.correlation.iter().skip(1).filter(|c| c.abs() > self.region99).count()
     }
+}
 
-    /// Samples per independent sample, >= 1: 1 + 2 sum of the correlations up to the first that is not positive (Geyer).
-    pub fn samples_per_independent(&self) -> f64 {
-        1.0 + 2.0 * self.correlation.iter().skip(1).take_while(|c| **c > 0.0).sum::<f64>()
+/// Samples per independent sample, >= 1: 1 + 2 sum of the autocorrelations up to the first that is not positive (Geyer).
+///
+/// Beyond lag 32 lags are spaced by a tenth, and the sum becomes an integral: a slow residual would need millions of them.
+pub fn samples_per_independent(residual: &[f64]) -> f64 {
+    let n = residual.len();
+    let mean = residual.iter().sum::<f64>() / n.max(1) as f64;
+    let at = |lag: usize| -> f64 { residual.iter().zip(&residual[lag..]).map(|(a, b)| (a - mean) * (b - mean)).sum() };
+    let power = at(0);
+    if power == 0.0 {
+        return 1.0;
     }
+    let (mut sum, mut lag, mut last) = (0.0, 0, 1.0);
+    loop {
+        let next = lag + 1 + if lag < 32 { 0 } else { lag / 10 };
+        if next >= n / 2 {
+            break;
+        }
+        let correlation = at(next) / power;
+        if correlation <= 0.0 {
+            break;
+        }
+        // Unit spacing adds the correlation itself; wider spacing the trapezoid.
+        let width = (next - lag) as f64;
+        sum += if width == 1.0 { correlation } else { 0.5 * width * (last + correlation) };
+        (lag, last) = (next, correlation);
+    }
+    1.0 + 2.0 * sum
 }
 
 /// Rms of the white noise in `signal`, from its differences.
@@ -88,7 +112,8 @@ mod tests {
     #[test]
     fn noise_under_a_smooth_signal_is_found() {
         let noise = white(20_000);
-        let signal: Vec<f64> = noise.iter().enumerate().map(|(k, n)| 0.02 * n + 50.0 * (k as f64 * 0.01).sin()).collect();
+        let signal: Vec<f64> =
+            noise.iter().enumerate().map(|(k, n)| 0.02 * n + 50.0 * (k as f64 * 0.01).sin()).collect();
         // 20000 samples give the median to about 1.2 %; the smallest of five estimates lies a little low.
         let found = noise_rms(&signal) / 0.02;
         assert!((0.95..1.03).contains(&found), "{found}");
@@ -98,8 +123,24 @@ mod tests {
     fn white_noise_stays_inside_the_region_and_a_sine_does_not() {
         let white = Autocorrelation::of(&white(20_000), LAGS);
         assert!(white.outside() <= 4, "{}", white.outside());
-        assert!(white.samples_per_independent() < 1.2);
+        assert!(samples_per_independent(&self::white(20_000)) < 1.2);
         let sine: Vec<f64> = (0..20_000).map(|k| (k as f64 * 0.05).sin()).collect();
         assert!(Autocorrelation::of(&sine, LAGS).outside() > 40);
+    }
+
+    #[test]
+    fn a_first_order_residual_has_its_textbook_correlation_time() {
+        let mut level = 0.0;
+        let a = 0.98;
+        let slow: Vec<f64> = white(400_000)
+            .iter()
+            .map(|w| {
+                level = a * level + w;
+                level
+            })
+            .collect();
+        // (1 + a) / (1 - a) = 99; 4000 independent samples leave several per cent, and stopping at zero a little more.
+        let found = samples_per_independent(&slow);
+        assert!((80.0..130.0).contains(&found), "{found}");
     }
 }

@@ -1,8 +1,8 @@
 //! Whole pages: they fetch nothing, escape what they are given, carry their data and stay small.
 
 use gap_diagnosis::page::{
-    Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series,
-    Share, SimulationView, StartView, identify_page, replay_page, simulation_page,
+    Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series, Share, SimulationView,
+    StartView, identify_page, replay_page, simulation_page,
 };
 
 const HOSTILE: &str = "</script><script>document.documentElement.dataset.hacked=1</script><img src=x onerror=alert(1)> \"quoted\" 'single' & \u{2028}";
@@ -27,17 +27,9 @@ fn assert_fetches_nothing(html: &str) {
     let banner = "/*! https://github.com/leeoniya/uPlot (v1.6.32) */";
     assert_eq!(html.matches(banner).count(), 1);
     let rest = html.replace(banner, "");
-    for scheme in [
-        "http://",
-        "https://",
-        "@import",
-        "url(",
-        "<iframe",
-        "<object",
-        "XMLHttpRequest",
-        "fetch(",
-        "WebSocket",
-    ] {
+    for scheme in
+        ["http://", "https://", "@import", "url(", "<iframe", "<object", "XMLHttpRequest", "fetch(", "WebSocket"]
+    {
         assert!(!rest.contains(scheme), "{scheme}");
     }
     assert!(html.contains("default-src 'none'"));
@@ -47,17 +39,8 @@ fn assert_fetches_nothing(html: &str) {
 #[test]
 fn hostile_names_stay_text_everywhere() {
     let (time_s, values) = wave(50);
-    let series = Series {
-        name: HOSTILE,
-        ink: Ink::Model,
-        values: &values,
-    };
-    let run = Loop {
-        name: HOSTILE,
-        ink: Ink::Model,
-        x: &values,
-        y: &values,
-    };
+    let series = Series { name: HOSTILE, ink: Ink::Model, values: &values };
+    let run = Loop { name: HOSTILE, ink: Ink::Model, x: &values, y: &values };
     let axis = || Axis::new(HOSTILE, HOSTILE);
     let mut page = Page::new(HOSTILE);
     page.subtitle(HOSTILE)
@@ -66,40 +49,17 @@ fn hostile_names_stay_text_everywhere() {
         .section(HOSTILE)
         .paragraph(HOSTILE)
         .facts(&[(HOSTILE.to_owned(), HOSTILE.to_owned())])
-        .table(
-            HOSTILE,
-            &[HOSTILE, HOSTILE],
-            &[vec![HOSTILE.to_owned(), HOSTILE.to_owned()]],
-        )
-        .bar(
-            HOSTILE,
-            HOSTILE,
-            &[Share {
-                label: HOSTILE,
-                value: 1.0,
-                ink: Ink::Error,
-            }],
-        )
+        .table(HOSTILE, &[HOSTILE, HOSTILE], &[vec![HOSTILE.to_owned(), HOSTILE.to_owned()]])
+        .bar(HOSTILE, HOSTILE, &[Share { label: HOSTILE, value: 1.0, ink: Ink::Error }])
         .chart(Chart::over_time(HOSTILE, HOSTILE, &time_s, axis(), &[series]).linked(HOSTILE))
         .chart(Chart::loops(HOSTILE, HOSTILE, axis(), axis(), &[run]))
-        .chart(Chart::bars_with_band(
-            HOSTILE,
-            HOSTILE,
-            axis(),
-            axis(),
-            &time_s,
-            series,
-            0.1,
-        ))
+        .chart(Chart::bars_with_band(HOSTILE, HOSTILE, axis(), axis(), &time_s, series, 0.1))
         .provenance(&[HOSTILE.to_owned()]);
     let html = page.to_html();
 
     assert_fetches_nothing(&html);
     assert!(!html.contains("<img"));
-    assert!(
-        !html.contains("<script>"),
-        "every script is either data or bears the nonce"
-    );
+    assert!(!html.contains("<script>"), "every script is either data or bears the nonce");
     // Three data blocks, uPlot, page.js.
     assert_eq!(html.matches("<script").count(), 5);
     assert_eq!(html.matches("</script").count(), 5);
@@ -140,26 +100,11 @@ fn simulation_page_closed_and_open_loop() {
     let closed = drawings(&closed);
     assert_eq!(closed.len(), 5);
     // Time charts, and only they, zoom together.
-    assert_eq!(
-        closed
-            .iter()
-            .filter(|drawing| drawing["link"] == "time")
-            .count(),
-        3
-    );
+    assert_eq!(closed.iter().filter(|drawing| drawing["link"] == "time").count(), 3);
     assert_eq!(closed[0]["data"][0].as_array().map(Vec::len), Some(3000));
-    assert_eq!(
-        closed[0]["data"][1][1234].as_f64().map(|v| v as f32),
-        Some(values[1234] as f32)
-    );
+    assert_eq!(closed[0]["data"][1][1234].as_f64().map(|v| v as f32), Some(values[1234] as f32));
     // Reference minus itself.
-    assert!(
-        closed[1]["data"][1]
-            .as_array()
-            .expect("a column")
-            .iter()
-            .all(|v| v == 0.0)
-    );
+    assert!(closed[1]["data"][1].as_array().expect("a column").iter().all(|v| v == 0.0));
 
     view.reference_um = None;
     assert_eq!(drawings(&simulation_page(&view).to_html()).len(), 3);
@@ -168,11 +113,7 @@ fn simulation_page_closed_and_open_loop() {
 #[test]
 fn a_residual_reads_as_the_difference_of_the_curves_above_it() {
     let (time_s, measured) = wave(100_000);
-    let predicted: Vec<f64> = measured
-        .iter()
-        .enumerate()
-        .map(|(k, y)| y - (k as f64 * 0.618_034).fract())
-        .collect();
+    let predicted: Vec<f64> = measured.iter().enumerate().map(|(k, y)| y - (k as f64 * 0.618_034).fract()).collect();
     let html = replay_page(&ReplayView {
         title: "replay",
         subtitle: "",
@@ -192,13 +133,8 @@ fn a_residual_reads_as_the_difference_of_the_curves_above_it() {
     assert!(html.contains("100\u{202f}000 samples"));
     let drawings = drawings(&html);
     assert_eq!(drawings[0]["data"][0], drawings[1]["data"][0]);
-    let column = |chart: usize, series: usize| {
-        drawings[chart]["data"][series]
-            .as_array()
-            .expect("a column")
-    };
-    for ((measured, predicted), residual) in column(0, 1).iter().zip(column(0, 2)).zip(column(1, 1))
-    {
+    let column = |chart: usize, series: usize| drawings[chart]["data"][series].as_array().expect("a column");
+    for ((measured, predicted), residual) in column(0, 1).iter().zip(column(0, 2)).zip(column(1, 1)) {
         let number = |value: &serde_json::Value| value.as_f64().expect("a number");
         // Seven digits of 40 µm: rounding by up to 5e-6 in each of the two, hardly any in the residual below 1.
         assert!((number(measured) - number(predicted) - number(residual)).abs() < 1.1e-5);
@@ -230,20 +166,8 @@ fn missing_samples_are_null_and_bounds_are_right() {
     .to_html();
     let drawings = drawings(&html);
     assert_eq!(drawings.len(), 4);
-    assert!(
-        drawings[0]["data"][1]
-            .as_array()
-            .expect("measured")
-            .iter()
-            .any(serde_json::Value::is_null)
-    );
-    assert!(
-        drawings[0]["data"][2]
-            .as_array()
-            .expect("predicted")
-            .iter()
-            .all(serde_json::Value::is_number)
-    );
+    assert!(drawings[0]["data"][1].as_array().expect("measured").iter().any(serde_json::Value::is_null));
+    assert!(drawings[0]["data"][2].as_array().expect("predicted").iter().all(serde_json::Value::is_number));
     // 2.58/sqrt(10000); the unit lag is one sample of 0.1 ms.
     assert_eq!(drawings[3]["band"], 0.0258);
     assert_eq!(drawings[3]["data"][0], serde_json::json!([0.1, 0.2]));
@@ -305,10 +229,7 @@ fn long_runs_and_many_logs_stay_below_a_megabyte_and_a_half() {
             prior: None,
             unseen: Some("no excitation"),
         }],
-        starts: &[StartView {
-            initial_rms_um: 2.0,
-            final_rms_um: 0.1,
-        }],
+        starts: &[StartView { initial_rms_um: 2.0, final_rms_um: 0.1 }],
         metrics: &[],
         warnings: &[],
         provenance: &[],
@@ -319,17 +240,11 @@ fn long_runs_and_many_logs_stay_below_a_megabyte_and_a_half() {
     let drawings = drawings(&html);
     assert_eq!(drawings.len(), 1 + 5 * 4);
     for overlay in drawings.iter().filter(|drawing| {
-        drawing["series"]
-            .as_array()
-            .is_some_and(|series| series.len() == 2)
-            && drawing["mark"] == "lines"
+        drawing["series"].as_array().is_some_and(|series| series.len() == 2) && drawing["mark"] == "lines"
     }) {
         let measured = overlay["data"][1].as_array().expect("measured");
         assert!(measured.len() >= 400, "{}", measured.len());
-        assert!(
-            measured.iter().any(|value| value == 777.0),
-            "the single peak is drawn on every page"
-        );
+        assert!(measured.iter().any(|value| value == 777.0), "the single peak is drawn on every page");
     }
 }
 
@@ -340,25 +255,11 @@ fn a_page_replaces_its_file_whole_or_not_at_all() {
     let path = directory.join("page.html");
     Page::new("first").save(&path).expect("written");
     Page::new("second").save(&path).expect("written again");
-    assert!(
-        std::fs::read_to_string(&path)
-            .expect("read")
-            .contains("<h1>second</h1>")
-    );
-    assert_eq!(
-        std::fs::read_dir(&directory).expect("listed").count(),
-        1,
-        "no partial file is left"
-    );
+    assert!(std::fs::read_to_string(&path).expect("read").contains("<h1>second</h1>"));
+    assert_eq!(std::fs::read_dir(&directory).expect("listed").count(), 1, "no partial file is left");
 
     let missing = directory.join("no such directory").join("page.html");
-    assert_eq!(
-        Page::new("x")
-            .save(&missing)
-            .expect_err("no directory")
-            .kind(),
-        std::io::ErrorKind::NotFound
-    );
+    assert_eq!(Page::new("x").save(&missing).expect_err("no directory").kind(), std::io::ErrorKind::NotFound);
     // A directory in the way: the rename fails, and what was written beside it goes away again.
     std::fs::create_dir_all(directory.join("taken").join("inside")).expect("created");
     assert!(Page::new("x").save(&directory.join("taken")).is_err());
@@ -370,19 +271,9 @@ fn a_page_replaces_its_file_whole_or_not_at_all() {
 fn the_same_input_gives_the_same_bytes() {
     let (time_s, values) = wave(20_000);
     let page = || {
-        let series = [Series {
-            name: "y",
-            ink: Ink::Model,
-            values: &values,
-        }];
+        let series = [Series { name: "y", ink: Ink::Model, values: &values }];
         let mut page = Page::new("same");
-        page.chart(Chart::over_time(
-            "y",
-            "",
-            &time_s,
-            Axis::new("y", "µm"),
-            &series,
-        ));
+        page.chart(Chart::over_time("y", "", &time_s, Axis::new("y", "µm"), &series));
         page.to_html()
     };
     assert_eq!(page(), page());

@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use gap_diagnosis::page::{
-    Axis, Chart, Ink, Loop, Page, ReplayView, Series, Share, SpectrumView, replay_page,
-};
+use gap_diagnosis::page::{Axis, Chart, Ink, Loop, Page, ReplayView, Series, Share, SpectrumView, replay_page};
 
 const HOSTILE: &str = "</script><script>document.documentElement.dataset.hacked=1</script><img src=x onerror=\"document.documentElement.dataset.hacked=2\">";
 
@@ -25,11 +23,7 @@ fn every_chart_is_drawn_and_nothing_goes_wrong() {
     };
     assert_eq!(dom.matches("data-drawn=\"true\"").count(), n_charts);
     assert!(!dom.contains("data-hacked"), "a name was run as script");
-    assert_eq!(
-        dom.matches("class=\"empty\"").count(),
-        2,
-        "the empty charts say so"
-    );
+    assert_eq!(dom.matches("class=\"empty\"").count(), 2, "the empty charts say so");
 }
 
 #[test]
@@ -54,22 +48,11 @@ fn zoom_is_linked_and_the_keyboard_works() {
         return;
     };
     // The last but one of 600 samples at 100 Hz is at 5.98 s; the window is 1.5 s and the reading as fine as a five-thousandth of it.
-    assert!(
-        dom.contains("data-readings=\"5.9800 s|"),
-        "{}",
-        attribute(&dom, "data-readings")
-    );
-    assert!(
-        attribute(&dom, "data-readings").ends_with("|5.9800 s"),
-        "the cursor of the linked chart goes along"
-    );
+    assert!(dom.contains("data-readings=\"5.9800 s|"), "{}", attribute(&dom, "data-readings"));
+    assert!(attribute(&dom, "data-readings").ends_with("|5.9800 s"), "the cursor of the linked chart goes along");
     // Spoken when the cursor moved, before the zoom.
     assert!(attribute(&dom, "data-spoken").contains("5.980 s"));
-    assert!(
-        attribute(&dom, "data-path").ends_with(" V"),
-        "{}",
-        attribute(&dom, "data-path")
-    );
+    assert!(attribute(&dom, "data-path").ends_with(" V"), "{}", attribute(&dom, "data-path"));
     assert!(dom.contains("aria-pressed=\"false\""));
     assert!(dom.contains("data-theme=\""));
 }
@@ -105,10 +88,7 @@ fn dragging_zooms_and_a_double_click_shows_all_again() {
     };
     for (name, expected) in [("data-zoomed", 3.0), ("data-reset", 5.99)] {
         let readings = seconds(name);
-        assert!(
-            readings.len() == 2 && readings.iter().all(|at| (at - expected).abs() < 0.03),
-            "{name}: {readings:?}"
-        );
+        assert!(readings.len() == 2 && readings.iter().all(|at| (at - expected).abs() < 0.03), "{name}: {readings:?}");
     }
 }
 
@@ -120,10 +100,7 @@ fn a_narrow_window_needs_no_sideways_scrolling() {
         let Some(dom) = dom_after("narrow", &page_with_everything(), width, script) else {
             return;
         };
-        assert_eq!(
-            attribute(&dom, "data-heard"),
-            format!("{width} wide, 0 over")
-        );
+        assert_eq!(attribute(&dom, "data-heard"), format!("{width} wide, 0 over"));
     }
 }
 
@@ -132,20 +109,11 @@ fn page_with_everything() -> Page {
     let n = 600;
     let time_s: Vec<f64> = (0..n).map(|k| f64::from(k) * 0.01).collect();
     let command: Vec<f64> = time_s.iter().map(|t| 50.0 * (3.0 * t).sin()).collect();
-    let mut measured: Vec<f64> = time_s
-        .iter()
-        .map(|t| 70.0 * (3.0 * t - 0.2).sin())
-        .collect();
+    let mut measured: Vec<f64> = time_s.iter().map(|t| 70.0 * (3.0 * t - 0.2).sin()).collect();
     measured[100..140].fill(f64::NAN);
-    let predicted: Vec<f64> = time_s
-        .iter()
-        .map(|t| 69.0 * (3.0 * t - 0.25).sin())
-        .collect();
+    let predicted: Vec<f64> = time_s.iter().map(|t| 69.0 * (3.0 * t - 0.25).sin()).collect();
     let frequency_hz: Vec<f64> = (0..300).map(f64::from).collect();
-    let density: Vec<f64> = frequency_hz
-        .iter()
-        .map(|f| 1e-9 + 1.0 / (1.0 + f * f))
-        .collect();
+    let density: Vec<f64> = frequency_hz.iter().map(|f| 1e-9 + 1.0 / (1.0 + f * f)).collect();
     let correlation: Vec<f64> = (0..40).map(|lag| 0.8_f64.powi(lag)).collect();
     let mut page = replay_page(&ReplayView {
         title: HOSTILE,
@@ -162,39 +130,20 @@ fn page_with_everything() -> Page {
             residual_um_per_sqrt_hz: &density,
             measured_um_per_sqrt_hz: None,
         }),
-        metrics: &[(
-            "a label that is long enough to need two lines".to_owned(),
-            HOSTILE.to_owned(),
-        )],
+        metrics: &[("a label that is long enough to need two lines".to_owned(), HOSTILE.to_owned())],
         warnings: &[HOSTILE.to_owned()],
         provenance: &[HOSTILE.to_owned()],
     });
 
     page.section("Data that break axes");
-    page.table(
-        "wide",
-        &["a", "b", "c"],
-        &[vec!["w".repeat(60), "1".to_owned(), "x".repeat(60)]],
-    );
+    page.table("wide", &["a", "b", "c"], &[vec!["w".repeat(60), "1".to_owned(), "x".repeat(60)]]);
     page.bar(
         "The gap",
         "µm",
         &[
-            Share {
-                label: "noise",
-                value: 0.02,
-                ink: Ink::Measured,
-            },
-            Share {
-                label: "explained",
-                value: 0.5,
-                ink: Ink::Model,
-            },
-            Share {
-                label: "unexplained",
-                value: 0.1,
-                ink: Ink::Error,
-            },
+            Share { label: "noise", value: 0.02, ink: Ink::Measured },
+            Share { label: "explained", value: 0.5, ink: Ink::Model },
+            Share { label: "unexplained", value: 0.1, ink: Ink::Error },
         ],
     );
     let missing = vec![f64::NAN; time_s.len()];
@@ -202,26 +151,11 @@ fn page_with_everything() -> Page {
     let zero = vec![0.0; time_s.len()];
     let tiny: Vec<f64> = command.iter().map(|v| 1e-9 * v).collect();
     let axis = || Axis::new("displacement", "µm");
-    let series = |values| {
-        [Series {
-            name: HOSTILE,
-            ink: Ink::Extra,
-            values,
-        }]
-    };
+    let series = |values| [Series { name: HOSTILE, ink: Ink::Extra, values }];
     page.chart(Chart::over_time("constant", "", &time_s, axis(), &series(&constant)).low())
         .chart(Chart::over_time("zero", "", &time_s, axis(), &series(&zero)).low())
         .chart(Chart::over_time("missing", "", &time_s, axis(), &series(&missing)).low())
-        .chart(
-            Chart::over_time(
-                "tiny",
-                "",
-                &time_s,
-                Axis::new("travel", "m"),
-                &series(&tiny),
-            )
-            .low(),
-        )
+        .chart(Chart::over_time("tiny", "", &time_s, Axis::new("travel", "m"), &series(&tiny)).low())
         .chart(Chart::over_time("one", "", &[1.0], axis(), &series(&[2.0])).low())
         .chart(Chart::points(
             "starts",
@@ -231,18 +165,7 @@ fn page_with_everything() -> Page {
             &[1.0, 2.0],
             &series(&[2e-4, 3e5]),
         ))
-        .chart(Chart::loops(
-            "nothing",
-            "",
-            axis(),
-            axis(),
-            &[Loop {
-                name: "none",
-                ink: Ink::Model,
-                x: &[],
-                y: &[],
-            }],
-        ));
+        .chart(Chart::loops("nothing", "", axis(), axis(), &[Loop { name: "none", ink: Ink::Model, x: &[], y: &[] }]));
     page
 }
 
@@ -253,80 +176,40 @@ fn dom_after(name: &str, page: &Page, width: u32, script: &str) -> Option<String
         eprintln!("not run: no chromium on this machine");
         return None;
     };
-    let directory = std::env::temp_dir().join(format!(
-        "hysteron-browser-{name}-{width}-{}",
-        std::process::id()
-    ));
+    let directory = std::env::temp_dir().join(format!("hysteron-browser-{name}-{width}-{}", std::process::id()));
     std::fs::create_dir_all(&directory).expect("temporary directory");
     let path = directory.join("page.html");
     let html = page.to_html();
     let nonce = attribute(&html, "<style nonce").to_owned();
-    let probed = html.replace(
-        "</body>",
-        &format!("<script nonce=\"{nonce}\">{{ {script} }}</script></body>"),
-    );
+    let probed = html.replace("</body>", &format!("<script nonce=\"{nonce}\">{{ {script} }}</script></body>"));
     std::fs::write(&path, probed).expect("page written");
 
     // No window of chromium is narrower than 500 pixels, a frame is; the page tells the frame's owner what it has to tell.
     let is_framed = script.contains("postMessage");
-    let shown = if is_framed {
-        directory.join("frame.html")
-    } else {
-        path
-    };
+    let shown = if is_framed { directory.join("frame.html") } else { path };
     if is_framed {
-        let listen =
-            "onmessage = event => { document.documentElement.dataset.heard = event.data; }";
+        let listen = "onmessage = event => { document.documentElement.dataset.heard = event.data; }";
         let frame = format!(
             "<script>{listen}</script><iframe style='border:0' width={width} height=1600 src=page.html></iframe>"
         );
-        std::fs::write(
-            &shown,
-            format!("<!DOCTYPE html><meta charset=utf-8><link rel=icon href=data:,>{frame}"),
-        )
-        .expect("frame written");
+        std::fs::write(&shown, format!("<!DOCTYPE html><meta charset=utf-8><link rel=icon href=data:,>{frame}"))
+            .expect("frame written");
     }
 
     let output = directory.join("stdout");
     let errors = directory.join("stderr");
     let mut child = Command::new(browser)
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-            "--no-first-run",
-            "--disable-sync",
-        ])
-        .args([
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--enable-logging=stderr",
-        ])
-        .arg(format!(
-            "--user-data-dir={}",
-            directory.join("profile").display()
-        ))
-        .args([
-            format!("--window-size={width},1600"),
-            "--virtual-time-budget=2000".to_owned(),
-            "--dump-dom".to_owned(),
-        ])
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"])
+        .args(["--disable-background-networking", "--disable-component-update", "--enable-logging=stderr"])
+        .arg(format!("--user-data-dir={}", directory.join("profile").display()))
+        .args([format!("--window-size={width},1600"), "--virtual-time-budget=2000".to_owned(), "--dump-dom".to_owned()])
         .arg(format!("file://{}", shown.display()))
-        .stdout(Stdio::from(
-            std::fs::File::create(&output).expect("file for the document"),
-        ))
-        .stderr(Stdio::from(
-            std::fs::File::create(&errors).expect("file for the log"),
-        ))
+        .stdout(Stdio::from(std::fs::File::create(&output).expect("file for the document")))
+        .stderr(Stdio::from(std::fs::File::create(&errors).expect("file for the log")))
         .spawn()
         .expect("the browser starts");
     let started = Instant::now();
-    while child
-        .try_wait()
-        .expect("the browser can be asked")
-        .is_none()
-    {
+    while child.try_wait().expect("the browser can be asked").is_none() {
         if started.elapsed() > PATIENCE {
             child.kill().expect("the browser can be stopped");
             child.wait().expect("the browser ended");
@@ -338,37 +221,22 @@ fn dom_after(name: &str, page: &Page, width: u32, script: &str) -> Option<String
     let log = String::from_utf8_lossy(&std::fs::read(&errors).expect("a log")).into_owned();
     std::fs::remove_dir_all(&directory).expect("removed");
 
-    assert!(
-        dom.contains("</html>"),
-        "no document; the browser said: {log}"
-    );
-    let complaints: Vec<&str> = log
-        .lines()
-        .filter(|line| line.contains("CONSOLE"))
-        .collect();
+    assert!(dom.contains("</html>"), "no document; the browser said: {log}");
+    let complaints: Vec<&str> = log.lines().filter(|line| line.contains("CONSOLE")).collect();
     assert!(complaints.is_empty(), "{complaints:?}");
-    assert!(
-        !dom.contains("data-error"),
-        "{}",
-        attribute(&dom, "data-error")
-    );
+    assert!(!dom.contains("data-error"), "{}", attribute(&dom, "data-error"));
     Some(dom)
 }
 
 fn browser() -> Option<PathBuf> {
     let directories = std::env::var_os("PATH")?;
     std::env::split_paths(&directories)
-        .flat_map(|directory| {
-            ["chromium", "chromium-browser", "google-chrome"].map(|name| directory.join(name))
-        })
+        .flat_map(|directory| ["chromium", "chromium-browser", "google-chrome"].map(|name| directory.join(name)))
         .find(|path: &PathBuf| Path::is_file(path))
 }
 
 /// The first value of `name="..."`.
 fn attribute<'a>(html: &'a str, name: &str) -> &'a str {
     let start = format!("{name}=\"");
-    html.split(&start)
-        .nth(1)
-        .and_then(|rest| rest.split('"').next())
-        .unwrap_or_default()
+    html.split(&start).nth(1).and_then(|rest| rest.split('"').next()).unwrap_or_default()
 }

@@ -89,7 +89,9 @@ impl Controller {
         let invalid = |reason: String| FileError::Invalid { path: path.to_owned(), reason };
         let guarded = [controller.limits.is_some(), controller.reference.is_some(), controller.guard.is_some()];
         if controller.unlimited && guarded.contains(&true) {
-            return Err(invalid("unlimited = true contradicts [limits], [reference] or [guard]: drop one of them".into()));
+            return Err(invalid(
+                "unlimited = true contradicts [limits], [reference] or [guard]: drop one of them".into(),
+            ));
         }
         if !controller.unlimited {
             for (section, present) in ["limits", "reference", "guard"].iter().zip(guarded) {

@@ -11,8 +11,8 @@ use control_core::{Generator, GeneratorState, Law, LawState, Limits, Segment, Se
 /// Bounds that `,shaped` puts on a waveform: rate and acceleration, in metres (or volts) per second and per second squared.
 ///
 /// A 100 um, 150 Hz sine needs 0.094 m/s and 89 m/s^2. The volts are those of the thesis' bender for the same motion.
-const SHAPED_M: [f32; 2] = [0.1, 100.0];
-const SHAPED_V: [f32; 2] = [5.0e4, 5.0e7];
+const SHAPED_M: [f32; 2] = [0.2, 200.0];
+const SHAPED_V: [f32; 2] = [1.0e5, 1.0e8];
 
 /// A SPEC laid out in samples: the tables it needs, and how long each part lasts.
 #[derive(Clone, Debug)]
@@ -35,7 +35,8 @@ impl Program {
     pub fn new(spec: &Spec, rate_hz: f64) -> Result<Self, SpecError> {
         let mut parts = Vec::new();
         for part in &spec.parts {
-            let mut tables = spec::table(&part.shape, rate_hz).map_err(|reason| fail(part, reason))?.unwrap_or_default();
+            let mut tables =
+                spec::table(&part.shape, rate_hz).map_err(|reason| fail(part, reason))?.unwrap_or_default();
             tables.iter_mut().flatten().for_each(|sample| *sample = (f64::from(*sample) * part.amplitude) as f32);
             // A file and minor loops are as long as their samples.
             let mut part = part.clone();

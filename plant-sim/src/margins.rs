@@ -134,11 +134,7 @@ impl fmt::Display for Margins {
         } else {
             write!(f, "unstable, spectral radius {:.4}", self.spectral_radius)?;
             if self.gain_margin_db.is_finite() {
-                write!(
-                    f,
-                    "; {:.1} dB less gain would stabilise it",
-                    -self.gain_margin_db
-                )?;
+                write!(f, "; {:.1} dB less gain would stabilise it", -self.gain_margin_db)?;
             } else if let Some(rise_db) = self.lower_gain_margin_db {
                 write!(f, "; {rise_db:.1} dB more gain would stabilise it")?;
             }
@@ -152,11 +148,7 @@ struct Finite(f64, f64, &'static str);
 
 impl fmt::Display for Finite {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0.is_finite() {
-            write!(f, "{:.1}{}", self.0 * self.1, self.2)
-        } else {
-            f.write_str("unlimited")
-        }
+        if self.0.is_finite() { write!(f, "{:.1}{}", self.0 * self.1, self.2) } else { f.write_str("unlimited") }
     }
 }
 
@@ -214,26 +206,15 @@ impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Stable { worst } => {
-                write!(
-                    f,
-                    "stable: gain margin {} ({})",
-                    Finite(worst.value, 1.0, " dB"),
-                    worst.region
-                )
+                write!(f, "stable: gain margin {} ({})", Finite(worst.value, 1.0, " dB"), worst.region)
             }
             Self::BelowSixDb { worst } => write!(
                 f,
                 "stable, but the gain margin is {:.1} dB, below {SAFE_GAIN_MARGIN_DB:.0} dB ({})",
                 worst.value, worst.region
             ),
-            Self::Unstable {
-                region,
-                spectral_radius,
-            } => {
-                write!(
-                    f,
-                    "unstable: spectral radius {spectral_radius:.4} ({region})"
-                )
+            Self::Unstable { region, spectral_radius } => {
+                write!(f, "unstable: spectral radius {spectral_radius:.4} ({region})")
             }
         }
     }
@@ -366,38 +347,21 @@ pub fn margins(region: &LinearRegion, law: &Loop) -> Result<Margins, MarginError
 
 /// Margins in every region, the worst of each, and a verdict.
 pub fn assess(regions: &[LinearRegion], law: &Loop) -> Result<Assessment, MarginError> {
-    let regions: Vec<Margins> = regions
-        .iter()
-        .map(|region| margins(region, law))
-        .collect::<Result<_, _>>()?;
+    let regions: Vec<Margins> = regions.iter().map(|region| margins(region, law)).collect::<Result<_, _>>()?;
     let least = |of: fn(&Margins) -> f64| {
-        let worst = regions
-            .iter()
-            .min_by(|left, right| of(left).total_cmp(&of(right)));
-        worst
-            .map(|margins| Worst {
-                value: of(margins),
-                region: margins.region.clone(),
-            })
-            .ok_or(MarginError::NoRegion)
+        let worst = regions.iter().min_by(|left, right| of(left).total_cmp(&of(right)));
+        worst.map(|margins| Worst { value: of(margins), region: margins.region.clone() }).ok_or(MarginError::NoRegion)
     };
     let gain_margin_db = least(Margins::nearest_gain_margin_db)?;
     let mut spectral_radius = least(|margins| -margins.spectral_radius)?;
     spectral_radius.value = -spectral_radius.value;
 
     let verdict = if regions.iter().any(|margins| !margins.stable) {
-        Verdict::Unstable {
-            region: spectral_radius.region.clone(),
-            spectral_radius: spectral_radius.value,
-        }
+        Verdict::Unstable { region: spectral_radius.region.clone(), spectral_radius: spectral_radius.value }
     } else if gain_margin_db.value < SAFE_GAIN_MARGIN_DB {
-        Verdict::BelowSixDb {
-            worst: gain_margin_db.clone(),
-        }
+        Verdict::BelowSixDb { worst: gain_margin_db.clone() }
     } else {
-        Verdict::Stable {
-            worst: gain_margin_db.clone(),
-        }
+        Verdict::Stable { worst: gain_margin_db.clone() }
     };
     Ok(Assessment {
         gain_margin_db,
@@ -411,11 +375,7 @@ pub fn assess(regions: &[LinearRegion], law: &Loop) -> Result<Assessment, Margin
 }
 
 /// The gain margin of the worst region, or `None` as soon as a region is unstable or has less than `at_least_db`.
-fn worst_gain_margin_db(
-    regions: &[LinearRegion],
-    law: &Loop,
-    at_least_db: f64,
-) -> Result<Option<f64>, MarginError> {
+fn worst_gain_margin_db(regions: &[LinearRegion], law: &Loop, at_least_db: f64) -> Result<Option<f64>, MarginError> {
     let mut worst_db = f64::INFINITY;
     for region in regions {
         let examined = Examined::new(region, law)?;
@@ -424,9 +384,7 @@ fn worst_gain_margin_db(
         }
         let curve = examined.curve(region)?;
         let limits = examined.gain_limits(&curve.critical_gains());
-        let region_db = limits
-            .upper_db
-            .min(limits.lower_db.map_or(f64::INFINITY, |lower_db| -lower_db));
+        let region_db = limits.upper_db.min(limits.lower_db.map_or(f64::INFINITY, |lower_db| -lower_db));
         if region_db < at_least_db {
             return Ok(None);
         }
@@ -455,38 +413,21 @@ impl Examined {
     fn new(region: &LinearRegion, law: &Loop) -> Result<Self, MarginError> {
         let samples = law.delay_s * law.rate_hz;
         if samples > MAX_DELAY_SAMPLES {
-            return Err(MarginError::DelayTooLong {
-                samples,
-                limit: MAX_DELAY_SAMPLES,
-            });
+            return Err(MarginError::DelayTooLong { samples, limit: MAX_DELAY_SAMPLES });
         }
-        let too_stiff = || MarginError::TooStiff {
-            region: region.label.clone(),
-            rate_hz: law.rate_hz,
-        };
-        let no_eigenvalues = || MarginError::NoEigenvalues {
-            region: region.label.clone(),
-        };
+        let too_stiff = || MarginError::TooStiff { region: region.label.clone(), rate_hz: law.rate_hz };
+        let no_eigenvalues = || MarginError::NoEigenvalues { region: region.label.clone() };
         let sampled = SampledLoop::new(region, law).ok_or_else(too_stiff)?;
-        let eigenvalues = sampled
-            .closed_loop_eigenvalues(1.0)
-            .ok_or_else(no_eigenvalues)?;
+        let eigenvalues = sampled.closed_loop_eigenvalues(1.0).ok_or_else(no_eigenvalues)?;
         let mut time_scales = sampled.plant_eigenvalues().ok_or_else(no_eigenvalues)?;
         time_scales.extend_from_slice(&eigenvalues);
         let spectral_radius = spectral_radius(&eigenvalues);
-        Ok(Self {
-            sampled,
-            eigenvalues,
-            time_scales,
-            spectral_radius,
-            stable: is_stable(spectral_radius),
-        })
+        Ok(Self { sampled, eigenvalues, time_scales, spectral_radius, stable: is_stable(spectral_radius) })
     }
 
     fn curve(&self, region: &LinearRegion) -> Result<Curve<'_>, MarginError> {
-        Curve::trace(&self.sampled, &self.time_scales).ok_or_else(|| MarginError::Unresolved {
-            region: region.label.clone(),
-        })
+        Curve::trace(&self.sampled, &self.time_scales)
+            .ok_or_else(|| MarginError::Unresolved { region: region.label.clone() })
     }
 
     /// Stability changes only at a critical gain. A stable loop is limited by the nearest on either side; for an unstable one the
@@ -503,16 +444,10 @@ impl Examined {
             };
         }
         let is_stable_at = |gain: f64| {
-            self.sampled
-                .closed_loop_eigenvalues(gain)
-                .is_some_and(|found| is_stable(spectral_radius(&found)))
+            self.sampled.closed_loop_eigenvalues(gain).is_some_and(|found| is_stable(spectral_radius(&found)))
         };
         let falling = (0..below.len()).rev().find(|&i| {
-            let next = if i == 0 {
-                0.25 * below[0].gain
-            } else {
-                below[i - 1].gain
-            };
+            let next = if i == 0 { 0.25 * below[0].gain } else { below[i - 1].gain };
             is_stable_at((next * below[i].gain).sqrt())
         });
         let rising = (0..above.len()).find(|&i| {
@@ -536,12 +471,7 @@ fn is_stable(spectral_radius: f64) -> bool {
 }
 
 fn check_loop(law: &Loop) -> Result<(), MarginError> {
-    let &Loop {
-        kp_v_per_m,
-        ki_v_per_m_s,
-        rate_hz,
-        delay_s,
-    } = law;
+    let &Loop { kp_v_per_m, ki_v_per_m_s, rate_hz, delay_s } = law;
     if !(rate_hz.is_finite() && rate_hz > 0.0 && (1.0 / rate_hz).is_finite()) {
         return Err(MarginError::BadRate { rate_hz });
     }
@@ -549,10 +479,7 @@ fn check_loop(law: &Loop) -> Result<(), MarginError> {
         return Err(MarginError::BadDelay { delay_s });
     }
     if !(kp_v_per_m.is_finite() && ki_v_per_m_s.is_finite()) {
-        return Err(MarginError::BadGain {
-            kp_v_per_m,
-            ki_v_per_m_s,
-        });
+        return Err(MarginError::BadGain { kp_v_per_m, ki_v_per_m_s });
     }
     Ok(())
 }
@@ -561,15 +488,9 @@ fn check_region(region: &LinearRegion) -> Result<(), MarginError> {
     let n = region.a.nrows();
     let fits = n > 0 && region.a.ncols() == n && region.b.len() == n && region.c.len() == n;
     let finite = |x: &f64| x.is_finite();
-    if fits
-        && region.a.iter().all(finite)
-        && region.b.iter().all(finite)
-        && region.c.iter().all(finite)
-    {
+    if fits && region.a.iter().all(finite) && region.b.iter().all(finite) && region.c.iter().all(finite) {
         Ok(())
     } else {
-        Err(MarginError::BadRegion {
-            region: region.label.clone(),
-        })
+        Err(MarginError::BadRegion { region: region.label.clone() })
     }
 }

@@ -247,7 +247,8 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         }
         "multisine" => {
             let hz = band("multisine:20V@1-2000Hz")?;
-            let (periods, realisations) = (options.whole("periods")?.unwrap_or(2), options.whole("realisations")?.unwrap_or(1));
+            let (periods, realisations) =
+                (options.whole("periods")?.unwrap_or(2), options.whole("realisations")?.unwrap_or(1));
             if periods == 0 || realisations == 0 || periods.saturating_mul(realisations) > 100_000 {
                 return Err("periods and realisations must be between 1 and 100000 together".into());
             }
@@ -420,10 +421,15 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
                 ));
             }
             if hz[1] >= rate_hz / 2.0 {
-                return Err(format!("the highest line {} Hz must lie below half the rate, {} Hz", hz[1], rate_hz / 2.0));
+                return Err(format!(
+                    "the highest line {} Hz must lie below half the rate, {} Hz",
+                    hz[1],
+                    rate_hz / 2.0
+                ));
             }
             let mut random = Pcg64::seed_from_u64(*seed);
-            let tables = (0..*realisations).map(|_| multisine(period.round() as usize, hz[1] / hz[0], *odd, &mut random));
+            let tables =
+                (0..*realisations).map(|_| multisine(period.round() as usize, hz[1] / hz[0], *odd, &mut random));
             Ok(Some(tables.collect()))
         }
         Shape::MinorLoops { hz } => {
@@ -488,7 +494,8 @@ mod tests {
         assert_eq!(one("sine:120um@100Hz").shape, Shape::Sine { hz: 100.0 });
         assert_eq!(one("sweep:20V@1-2000Hz/4s").seconds, Some(4.0));
         assert_eq!(one("ladder:60V/8,hold=2s").seconds, Some(32.0));
-        let sequence = Spec::parse("zero@5s+multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7").expect("documented");
+        let sequence =
+            Spec::parse("zero@5s+multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7").expect("documented");
         assert_eq!(sequence.parts[0].seconds, Some(5.0));
         assert_eq!(sequence.parts[1].seconds, Some(24.0));
         assert_eq!(sequence.unit, Some(Unit::Volt));

@@ -8,12 +8,8 @@ use proptest::prelude::*;
 
 /// The message for a CSV text called `bench.csv`.
 fn refusal_with(text: &str, options: &ReadOptions) -> String {
-    let result = RowReader::from_csv(
-        Path::new("bench.csv"),
-        Cursor::new(text.to_owned()),
-        options,
-    )
-    .and_then(RowReader::into_log);
+    let result = RowReader::from_csv(Path::new("bench.csv"), Cursor::new(text.to_owned()), options)
+        .and_then(RowReader::into_log);
     one_line(&result.expect_err("refused"))
 }
 
@@ -31,9 +27,7 @@ const HEADER: &str = "time_s,command_V,displacement_um\n";
 
 /// A good log of `n` rows at 1 kHz, line k+2 is row k.
 fn good(n: u32) -> Vec<String> {
-    (0..n)
-        .map(|k| format!("{:.6},{}.5,{}.25\n", f64::from(k) / 1e3, k % 7, k % 5))
-        .collect()
+    (0..n).map(|k| format!("{:.6},{}.5,{}.25\n", f64::from(k) / 1e3, k % 7, k % 5)).collect()
 }
 
 /// The same with one line (as an editor counts) replaced.
@@ -61,10 +55,7 @@ fn a_missing_column_names_those_there_are() {
         refusal_with(&(HEADER.to_owned() + &good(20).concat()), &options),
         "bench.csv: no column `F` (force); it has time_s, command_V, displacement_um; map one with --columns force=NAME"
     );
-    let text = format!(
-        "time_s,command_V,command_V,displacement_um\n{}",
-        good(20).concat()
-    );
+    let text = format!("time_s,command_V,command_V,displacement_um\n{}", good(20).concat());
     assert_eq!(
         refusal(&text),
         "bench.csv: 2 columns answer to `command_V` (command); rename them or give the full name with --columns command=NAME"
@@ -93,9 +84,7 @@ fn text_in_a_number_is_shown_with_line_and_column() {
     let at = text.find('\u{1}').expect("there");
     assert_eq!(
         refusal(&text),
-        format!(
-            "bench.csv: is not a text file (a control byte at byte {at}); logs are CSV, NPY or MAT v5"
-        )
+        format!("bench.csv: is not a text file (a control byte at byte {at}); logs are CSV, NPY or MAT v5")
     );
 }
 
@@ -158,44 +147,27 @@ fn time_off_the_grid_is_refused() {
     // to 11 us beside the other rows. So 10 us passes whatever the grid, 25 us none.
     let read = |text: &str| {
         let text = with_line(150, text);
-        RowReader::from_csv(Path::new("x"), Cursor::new(text), &ReadOptions::default())
-            .and_then(RowReader::into_log)
+        RowReader::from_csv(Path::new("x"), Cursor::new(text), &ReadOptions::default()).and_then(RowReader::into_log)
     };
     assert!(read("0.148010,1,1\n").is_ok());
-    assert!(matches!(
-        read("0.148025,1,1\n"),
-        Err(LogError::NotUniform { .. })
-    ));
+    assert!(matches!(read("0.148025,1,1\n"), Err(LogError::NotUniform { .. })));
     // The way out that the message names.
-    let options = ReadOptions {
-        rate_hz: Some(1e3),
-        ..ReadOptions::default()
-    };
+    let options = ReadOptions { rate_hz: Some(1e3), ..ReadOptions::default() };
     let text = with_line(150, "0.148300,1,1\n");
-    let log = RowReader::from_csv(Path::new("x"), Cursor::new(text), &options)
-        .and_then(RowReader::into_log);
+    let log = RowReader::from_csv(Path::new("x"), Cursor::new(text), &options).and_then(RowReader::into_log);
     assert_eq!(log.expect("read").len(), 200);
 }
 
 #[test]
 fn short_empty_and_headless_files_are_refused() {
-    assert_eq!(
-        refusal(&(HEADER.to_owned() + &good(2).concat())),
-        "bench.csv: only 2 samples; at least 16 are needed"
-    );
-    assert_eq!(
-        refusal(HEADER),
-        "bench.csv: only 0 samples; at least 16 are needed"
-    );
+    assert_eq!(refusal(&(HEADER.to_owned() + &good(2).concat())), "bench.csv: only 2 samples; at least 16 are needed");
+    assert_eq!(refusal(HEADER), "bench.csv: only 0 samples; at least 16 are needed");
     assert_eq!(
         refusal(&(HEADER.to_owned() + &good(15).concat())),
         "bench.csv: only 15 samples; at least 16 are needed"
     );
     for text in ["", "\n\n", "# rate_hz: 5\n"] {
-        assert_eq!(
-            refusal(text),
-            "bench.csv: is empty; a log has a header line and at least 16 samples"
-        );
+        assert_eq!(refusal(text), "bench.csv: is empty; a log has a header line and at least 16 samples");
     }
     assert_eq!(
         refusal(&good(20).concat()),
@@ -212,24 +184,12 @@ fn bad_metadata_is_refused_with_its_line() {
     for (line, rest) in [
         ("rate_hz: fast", "rate_hz: `fast` is not a rate above zero"),
         ("rate_hz: 0", "rate_hz: `0` is not a rate above zero"),
-        (
-            "hold: first",
-            "hold: `first` is not zoh, foh or bandlimited",
-        ),
-        (
-            "latency_us: -3",
-            "latency_us: `-3` is not a time of at least zero",
-        ),
-        (
-            "period_samples: 2.5",
-            "period_samples: `2.5` is not a whole number above zero",
-        ),
+        ("hold: first", "hold: `first` is not zoh, foh or bandlimited"),
+        ("latency_us: -3", "latency_us: `-3` is not a time of at least zero"),
+        ("period_samples: 2.5", "period_samples: `2.5` is not a whole number above zero"),
     ] {
         let text = format!("# a remark\n# {line}\n{HEADER}{}", good(20).concat());
-        assert_eq!(
-            refusal(&text),
-            format!("bench.csv, line 2: metadata {rest}; correct or remove it")
-        );
+        assert_eq!(refusal(&text), format!("bench.csv, line 2: metadata {rest}; correct or remove it"));
     }
 }
 
@@ -243,49 +203,24 @@ fn wrong_calls_are_told_apart_from_wrong_files() {
     );
     let mut options = ReadOptions::default();
     options.scale.insert("force".into(), 0.0);
-    assert_eq!(
-        refusal_with("", &options),
-        "--scale force: 0 cannot be used; give a finite number other than zero"
-    );
-    let options = ReadOptions {
-        rate_hz: Some(-5.0),
-        ..ReadOptions::default()
-    };
+    assert_eq!(refusal_with("", &options), "--scale force: 0 cannot be used; give a finite number other than zero");
+    let options = ReadOptions { rate_hz: Some(-5.0), ..ReadOptions::default() };
     let error = log::open(Path::new("none.csv"), &options).expect_err("refused");
-    assert_eq!(
-        one_line(&error),
-        "--rate: -5 cannot be used; give a finite number above zero"
-    );
+    assert_eq!(one_line(&error), "--rate: -5 cannot be used; give a finite number above zero");
     assert!(error.is_wrong_call());
-    assert!(
-        !log::open(Path::new("none.csv"), &ReadOptions::default())
-            .expect_err("refused")
-            .is_wrong_call()
-    );
+    assert!(!log::open(Path::new("none.csv"), &ReadOptions::default()).expect_err("refused").is_wrong_call());
 }
 
 #[test]
 fn files_that_cannot_be_opened_say_why() {
-    let read =
-        |path: &Path| one_line(&log::read(path, &ReadOptions::default()).expect_err("refused"));
-    assert_eq!(
-        read(Path::new("none/none.csv")),
-        "none/none.csv: no such file; check the path"
-    );
+    let read = |path: &Path| one_line(&log::read(path, &ReadOptions::default()).expect_err("refused"));
+    assert_eq!(read(Path::new("none/none.csv")), "none/none.csv: no such file; check the path");
     assert_eq!(
         read(Path::new(env!("CARGO_MANIFEST_DIR"))),
-        format!(
-            "{}: is a directory; name a log file in it",
-            env!("CARGO_MANIFEST_DIR")
-        )
+        format!("{}: is a directory; name a log file in it", env!("CARGO_MANIFEST_DIR"))
     );
-    let denied = LogError::NoPermission {
-        path: "a.csv".into(),
-    };
-    assert_eq!(
-        one_line(&denied),
-        "a.csv: no permission to read it; check owner and mode"
-    );
+    let denied = LogError::NoPermission { path: "a.csv".into() };
+    assert_eq!(one_line(&denied), "a.csv: no permission to read it; check owner and mode");
 }
 
 #[test]
@@ -303,24 +238,14 @@ fn a_file_that_may_not_be_read_says_so() {
         println!("not run: permission check, absent for the superuser");
         assert!(message.contains("no column"), "{message}");
     } else {
-        assert_eq!(
-            message,
-            format!(
-                "{}: no permission to read it; check owner and mode",
-                path.display()
-            )
-        );
+        assert_eq!(message, format!("{}: no permission to read it; check owner and mode", path.display()));
     }
 }
 
 #[test]
 fn binary_garbage_is_not_text() {
     let read = |bytes: Vec<u8>| {
-        let result = RowReader::from_csv(
-            Path::new("bench.csv"),
-            Cursor::new(bytes),
-            &ReadOptions::default(),
-        );
+        let result = RowReader::from_csv(Path::new("bench.csv"), Cursor::new(bytes), &ReadOptions::default());
         one_line(&result.expect_err("refused"))
     };
     assert_eq!(
@@ -347,34 +272,20 @@ fn npy(header: &str, data: &[u8]) -> Vec<u8> {
 }
 
 fn npy_refusal(bytes: Vec<u8>) -> String {
-    let mut options = ReadOptions {
-        rate_hz: Some(1e3),
-        ..ReadOptions::default()
-    };
+    let mut options = ReadOptions { rate_hz: Some(1e3), ..ReadOptions::default() };
     options.columns.insert("command".into(), "0".into());
     options.columns.insert("displacement".into(), "1".into());
-    let result = RowReader::from_npy(Path::new("a.npy"), Cursor::new(bytes), &options)
-        .and_then(RowReader::into_log);
+    let result = RowReader::from_npy(Path::new("a.npy"), Cursor::new(bytes), &options).and_then(RowReader::into_log);
     one_line(&result.expect_err("refused"))
 }
 
 #[test]
 fn npy_files_that_are_no_tables_are_refused() {
-    let shaped = |shape: &str| {
-        npy(
-            &format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n"),
-            &[0; 800],
-        )
-    };
+    let shaped =
+        |shape: &str| npy(&format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n"), &[0; 800]);
     let advice = "save one realization as (samples, columns), or as a structured array with one field per column";
-    assert_eq!(
-        npy_refusal(shaped("(5, 4, 3)")),
-        format!("a.npy: the array has shape (5, 4, 3); {advice}")
-    );
-    assert_eq!(
-        npy_refusal(shaped("(100,)")),
-        format!("a.npy: the array has shape (100,); {advice}")
-    );
+    assert_eq!(npy_refusal(shaped("(5, 4, 3)")), format!("a.npy: the array has shape (5, 4, 3); {advice}"));
+    assert_eq!(npy_refusal(shaped("(100,)")), format!("a.npy: the array has shape (100,); {advice}"));
     assert_eq!(
         npy_refusal(shaped("(100, 1)")),
         "a.npy: no column `1` (displacement); it has columns 0 to 0 without names; map one with --columns displacement=NAME"
@@ -383,18 +294,9 @@ fn npy_files_that_are_no_tables_are_refused() {
         npy_refusal(shaped("(60, 2)")),
         "a.npy: broken NPY file: it ends after sample 50 of 60; save it again with numpy.save"
     );
-    assert_eq!(
-        npy_refusal(shaped("(10, 2)")),
-        "a.npy: only 10 samples; at least 16 are needed"
-    );
-    let complex = npy(
-        "{'descr': '<c16', 'fortran_order': False, 'shape': (20, 2), }\n",
-        &[0; 640],
-    );
-    assert_eq!(
-        npy_refusal(complex),
-        "a.npy, column 0: '<c16' is not a real number type; save it as float64"
-    );
+    assert_eq!(npy_refusal(shaped("(10, 2)")), "a.npy: only 10 samples; at least 16 are needed");
+    let complex = npy("{'descr': '<c16', 'fortran_order': False, 'shape': (20, 2), }\n", &[0; 640]);
+    assert_eq!(npy_refusal(complex), "a.npy, column 0: '<c16' is not a real number type; save it as float64");
     let mut nan = shaped("(50, 2)");
     let at = nan.len() - 8;
     nan[at..].copy_from_slice(&f64::NAN.to_le_bytes());
@@ -448,10 +350,7 @@ fn capture_bytes(compress: bool) -> Vec<u8> {
         { Name: "y", Data: ramp.clone(), XIndex: 1 },
     ]);
     let x = matvar!([{ Data: ramp, Raster: "a" }, { Data: Vec::<f64>::new(), Raster: "b" }]);
-    let path = std::env::temp_dir().join(format!(
-        "log_bad_input-{}-capture-{compress}.mat",
-        std::process::id()
-    ));
+    let path = std::env::temp_dir().join(format!("log_bad_input-{}-capture-{compress}.mat", std::process::id()));
     let mat = matfile!(cap: matvar!({ X: x, Y: y }));
     matrw::save_matfile_v7(path.to_str().expect("UTF-8"), mat, compress).expect("saved");
     let bytes = std::fs::read(&path).expect("there");
@@ -462,48 +361,30 @@ fn capture_bytes(compress: bool) -> Vec<u8> {
 fn read_mat(bytes: &[u8], command: &str, displacement: &str) -> Result<Log, LogError> {
     let mut options = ReadOptions::default();
     options.columns.insert("command".into(), command.into());
-    options
-        .columns
-        .insert("displacement".into(), displacement.into());
+    options.columns.insert("displacement".into(), displacement.into());
     RowReader::from_mat(Path::new("a.mat"), bytes, &options).and_then(RowReader::into_log)
 }
 
 #[test]
 fn mat_files_that_are_no_logs_are_refused() {
     let good = mat_bytes();
-    let refusal = |bytes: &[u8], command: &str| {
-        one_line(&read_mat(bytes, command, "displacement_um").expect_err("refused"))
-    };
+    let refusal =
+        |bytes: &[u8], command: &str| one_line(&read_mat(bytes, command, "displacement_um").expect_err("refused"));
     assert!(read_mat(&good, "command_V", "displacement_um").is_ok());
     assert_eq!(
         refusal(&good, "u"),
         "a.mat: no column `u` (command); it has rate_hz, hold, time_s, command_V, displacement_um; map one with --columns command=NAME"
     );
-    assert_eq!(
-        refusal(&good, "hold"),
-        "a.mat, variable hold: is text, not a real vector; save one vector per column"
-    );
-    assert_eq!(
-        refusal(&good, "rate_hz"),
-        "a.mat: time_s has 40 samples and rate_hz has 1; a log needs equal lengths"
-    );
+    assert_eq!(refusal(&good, "hold"), "a.mat, variable hold: is text, not a real vector; save one vector per column");
+    assert_eq!(refusal(&good, "rate_hz"), "a.mat: time_s has 40 samples and rate_hz has 1; a log needs equal lengths");
     assert_eq!(
         refusal(&good[..good.len() - 9], "command_V"),
-        format!(
-            "a.mat: broken MAT file: an element longer than the file at byte {}; save it again",
-            good.len() - 384
-        )
+        format!("a.mat: broken MAT file: an element longer than the file at byte {}; save it again", good.len() - 384)
     );
     let mut hdf = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".to_vec();
     hdf.resize(600, 0);
-    assert_eq!(
-        refusal(&hdf, "command_V"),
-        "a.mat: is a MAT v7.3 (HDF5) file; save it in MATLAB with save(..., '-v7')"
-    );
-    assert_eq!(
-        refusal(b"junk", "command_V"),
-        "a.mat: broken MAT file: no MAT v5 header at byte 4; save it again"
-    );
+    assert_eq!(refusal(&hdf, "command_V"), "a.mat: is a MAT v7.3 (HDF5) file; save it in MATLAB with save(..., '-v7')");
+    assert_eq!(refusal(b"junk", "command_V"), "a.mat: broken MAT file: no MAT v5 header at byte 4; save it again");
 }
 
 #[test]
@@ -526,11 +407,7 @@ fn no_flipped_byte_and_no_cut_of_a_mat_file_panics() {
             }
         }
         // Every cut is seen, save one that falls into the padding of the last element or between the variables.
-        assert!(
-            n_refused as usize > bytes.len() - 16,
-            "{n_refused} of {}",
-            bytes.len()
-        );
+        assert!(n_refused as usize > bytes.len() - 16, "{n_refused} of {}", bytes.len());
     }
 }
 
@@ -539,12 +416,8 @@ fn a_mistake_of_units_is_warned_of() {
     let log = |displacement_m: f64, command_v: f64| Log {
         name: "a".into(),
         dt_s: 1e-3,
-        command_v: (0..100)
-            .map(|k| command_v * (0.1 * f64::from(k)).sin())
-            .collect(),
-        displacement_m: (0..100)
-            .map(|k| displacement_m * (0.1 * f64::from(k)).sin())
-            .collect(),
+        command_v: (0..100).map(|k| command_v * (0.1 * f64::from(k)).sin()).collect(),
+        displacement_m: (0..100).map(|k| displacement_m * (0.1 * f64::from(k)).sin()).collect(),
         ..Log::default()
     };
     let first = |log: &Log| log::warnings(log).into_iter().next().unwrap_or_default();
@@ -559,11 +432,7 @@ fn a_mistake_of_units_is_warned_of() {
     for value in &mut clipped.displacement_m {
         *value = value.min(12e-6);
     }
-    assert!(
-        first(&clipped).contains("stands at its highest value for"),
-        "{}",
-        first(&clipped)
-    );
+    assert!(first(&clipped).contains("stands at its highest value for"), "{}", first(&clipped));
     // A quantised hold at the top is no clipping: the command stands still too.
     let mut held = log(20e-6, 90.0);
     for k in 50..100 {
@@ -573,37 +442,25 @@ fn a_mistake_of_units_is_warned_of() {
     assert_eq!(first(&held), "");
     let mut jumps = log(20e-6, 90.0);
     jumps.seq = Some((0..100).map(|k| f64::from(k + 3 * (k / 40))).collect());
-    assert!(
-        first(&jumps).contains("jumps 2 times, first after row 39"),
-        "{}",
-        first(&jumps)
-    );
+    assert!(first(&jumps).contains("jumps 2 times, first after row 39"), "{}", first(&jumps));
 }
 
 /// Bytes that get past the first checks: a good file with a stretch replaced.
 fn mutated(good: Vec<u8>) -> impl Strategy<Value = Vec<u8>> {
-    (
-        0..good.len(),
-        prop::collection::vec(any::<u8>(), 0..24),
-        any::<bool>(),
-    )
-        .prop_map(move |(at, noise, cut)| {
-            let mut bytes = good.clone();
-            let end = (at + noise.len()).min(bytes.len());
-            bytes.splice(at..end, noise);
-            if cut {
-                bytes.truncate(at + 12);
-            }
-            bytes
-        })
+    (0..good.len(), prop::collection::vec(any::<u8>(), 0..24), any::<bool>()).prop_map(move |(at, noise, cut)| {
+        let mut bytes = good.clone();
+        let end = (at + noise.len()).min(bytes.len());
+        bytes.splice(at..end, noise);
+        if cut {
+            bytes.truncate(at + 12);
+        }
+        bytes
+    })
 }
 
 /// Reads bytes as each of the three formats; whatever happens, it is a value or one line.
 fn read_all(bytes: &[u8]) {
-    let mut mapped = ReadOptions {
-        rate_hz: Some(1e3),
-        ..ReadOptions::default()
-    };
+    let mut mapped = ReadOptions { rate_hz: Some(1e3), ..ReadOptions::default() };
     mapped.columns.insert("command".into(), "0".into());
     mapped.columns.insert("displacement".into(), "1".into());
     for options in [ReadOptions::default(), mapped] {

@@ -12,8 +12,7 @@ struct Scratch(PathBuf);
 
 impl Scratch {
     fn new(test: &str) -> Self {
-        let path =
-            std::env::temp_dir().join(format!("log_round_trip-{}-{test}", std::process::id()));
+        let path = std::env::temp_dir().join(format!("log_round_trip-{}-{test}", std::process::id()));
         fs::create_dir_all(&path).expect("a scratch directory");
         Self(path)
     }
@@ -31,11 +30,8 @@ impl Drop for Scratch {
 
 /// A log with every column, every metadata key, and numbers that do not end in decimal.
 fn full_log(n: u32, rate_hz: f64) -> Log {
-    let wave = |scale: f64, phase: f64| -> Vec<f64> {
-        (0..n)
-            .map(|k| scale * (0.37 * f64::from(k) + phase).sin())
-            .collect()
-    };
+    let wave =
+        |scale: f64, phase: f64| -> Vec<f64> { (0..n).map(|k| scale * (0.37 * f64::from(k) + phase).sin()).collect() };
     Log {
         name: String::new(),
         time_start_s: 0.125,
@@ -60,10 +56,7 @@ fn full_log(n: u32, rate_hz: f64) -> Log {
             controller: Some("controllers/pi1.toml".into()),
             firmware: Some("0.10".into()),
             seed: Some("18446744073709551615".into()),
-            other: BTreeMap::from([
-                ("rig".into(), "left: bench".into()),
-                ("run".into(), "007".into()),
-            ]),
+            other: BTreeMap::from([("rig".into(), "left: bench".into()), ("run".into(), "007".into())]),
         },
     }
 }
@@ -76,10 +69,7 @@ fn csv_gives_back_the_same_bits() {
         let path = scratch.file("log.csv");
         log::write(&path, &log).expect("written");
         log.name = path.display().to_string();
-        assert_eq!(
-            log::read(&path, &ReadOptions::default()).expect("read"),
-            log
-        );
+        assert_eq!(log::read(&path, &ReadOptions::default()).expect("read"), log);
     }
 }
 
@@ -101,16 +91,10 @@ fn npy_and_mat_give_back_all_but_the_last_bit() {
         // To micrometres and back rounds twice, each by at most 2^-53 of the value.
         for (ours, theirs) in [
             (&mut log.displacement_m, &back.displacement_m),
-            (
-                log.reference_m.as_mut().expect("there"),
-                back.reference_m.as_ref().expect("there"),
-            ),
+            (log.reference_m.as_mut().expect("there"), back.reference_m.as_ref().expect("there")),
         ] {
             for (ours, theirs) in ours.iter_mut().zip(theirs) {
-                assert!(
-                    (*ours - theirs).abs() <= 2.3e-16 * ours.abs(),
-                    "{ours} {theirs}"
-                );
+                assert!((*ours - theirs).abs() <= 2.3e-16 * ours.abs(), "{ours} {theirs}");
                 *ours = *theirs;
             }
         }
@@ -136,10 +120,7 @@ fn rows_written_one_by_one_appear_only_when_finished() {
     let scratch = Scratch::new("staged");
     let path = scratch.file("out.csv");
     let columns = [Column::Time, Column::Displacement, Column::Predicted];
-    let meta = Meta {
-        rate_hz: Some(2e4),
-        ..Meta::default()
-    };
+    let meta = Meta { rate_hz: Some(2e4), ..Meta::default() };
     let mut writer = Writer::create(&path, &meta, &columns).expect("created");
     writer.row(&[0.0, 1.5e-6, -2e-9]).expect("a row");
     writer.row(&[5e-5, 0.0, 1e-3]).expect("a row");
@@ -152,33 +133,21 @@ fn rows_written_one_by_one_appear_only_when_finished() {
 
     // Given up half-way, by the program or by a bad value, the old file stays and nothing else does.
     let mut writer = Writer::create(&path, &meta, &columns).expect("created");
-    let message = writer
-        .row(&[0.0, f64::NAN, 0.0])
-        .expect_err("refused")
-        .to_string();
-    assert!(
-        message.contains("sample 0, column displacement_um: NaN is not finite"),
-        "{message}"
-    );
+    let message = writer.row(&[0.0, f64::NAN, 0.0]).expect_err("refused").to_string();
+    assert!(message.contains("sample 0, column displacement_um: NaN is not finite"), "{message}");
     assert!(writer.row(&[0.0, 0.0, 0.0]).is_err());
     assert!(writer.finish().is_err());
     drop(Writer::create(&path, &meta, &columns).expect("created"));
     let left: Vec<_> = fs::read_dir(&scratch.0).expect("there").collect();
     assert_eq!(left.len(), 1);
-    assert!(
-        fs::read_to_string(&path)
-            .expect("there")
-            .contains("1.5,-0.002")
-    );
+    assert!(fs::read_to_string(&path).expect("there").contains("1.5,-0.002"));
 }
 
 #[test]
 fn an_output_that_cannot_be_written_is_said_in_one_line() {
     let scratch = Scratch::new("unwritable");
     let path = scratch.file("none/out.csv");
-    let message = log::write(&path, &full_log(20, 1e3))
-        .expect_err("refused")
-        .to_string();
+    let message = log::write(&path, &full_log(20, 1e3)).expect_err("refused").to_string();
     assert_eq!(
         message,
         format!(
@@ -190,11 +159,7 @@ fn an_output_that_cannot_be_written_is_said_in_one_line() {
     assert!(directory.is_ok());
     fs::create_dir(scratch.file("d.csv")).expect("made");
     let message = log::write(&scratch.file("d.csv"), &full_log(20, 1e3)).expect_err("refused");
-    assert!(
-        message
-            .to_string()
-            .ends_with("is a directory; name a log file in it")
-    );
+    assert!(message.to_string().ends_with("is a directory; name a log file in it"));
     let message = log::write(&scratch.file("a.xls"), &full_log(20, 1e3)).expect_err("refused");
     assert!(message.is_wrong_call());
 }
@@ -203,12 +168,7 @@ fn an_output_that_cannot_be_written_is_said_in_one_line() {
 fn csv_of_other_programs_is_tolerated() {
     let rows = |separator: &str, end: &str| -> String {
         (0..20)
-            .map(|k| {
-                format!(
-                    " {}{separator}\"{k}\"{separator} 1.5e0 {separator}note{end}",
-                    f64::from(k) * 0.005
-                )
-            })
+            .map(|k| format!(" {}{separator}\"{k}\"{separator} 1.5e0 {separator}note{end}", f64::from(k) * 0.005))
             .collect()
     };
     let options = ReadOptions {
@@ -220,19 +180,14 @@ fn csv_of_other_programs_is_tolerated() {
         ..ReadOptions::default()
     };
     let quoted = |separator: &str| {
-        format!(
-            "\u{feff}# firmware: 7\n#\n# remark\n\n t{separator}\"u, volts\"{separator}y_nm{separator}x"
-        )
+        format!("\u{feff}# firmware: 7\n#\n# remark\n\n t{separator}\"u, volts\"{separator}y_nm{separator}x")
     };
     for (separator, end) in [(",", "\r\n"), (",", "\r"), (",", ",\n")] {
         let text = quoted(separator) + end + &rows(separator, end) + ",,,\r\n\r\n";
         let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)
             .and_then(RowReader::into_log)
             .unwrap_or_else(|error| panic!("{end:?}: {error}"));
-        assert_eq!(
-            (log.len(), log.displacement_m[3], log.command_v[3]),
-            (20, 1.5e-9, 3.0)
-        );
+        assert_eq!((log.len(), log.displacement_m[3], log.command_v[3]), (20, 1.5e-9, 3.0));
         assert_eq!(log.meta.firmware.as_deref(), Some("7"));
         assert!((log.dt_s - 0.005).abs() < 1e-16);
     }
@@ -240,17 +195,10 @@ fn csv_of_other_programs_is_tolerated() {
         let mut options = options.clone();
         options.columns.insert("command".into(), "u".into());
         // The last line without its end.
-        let text = format!(
-            "t{separator}u{separator}y_nm{separator}x\n{}",
-            rows(separator, "\n")
-        );
-        let log = RowReader::from_csv(
-            Path::new("x"),
-            std::io::Cursor::new(text.trim_end().to_owned()),
-            &options,
-        )
-        .and_then(RowReader::into_log)
-        .expect("read");
+        let text = format!("t{separator}u{separator}y_nm{separator}x\n{}", rows(separator, "\n"));
+        let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text.trim_end().to_owned()), &options)
+            .and_then(RowReader::into_log)
+            .expect("read");
         assert_eq!(log.len(), 20);
     }
 }
@@ -258,13 +206,8 @@ fn csv_of_other_programs_is_tolerated() {
 #[test]
 fn units_come_from_the_name_and_the_option_goes_before_it() {
     let read = |name: &str, scale: Option<f64>| {
-        let text = (0..20).fold(format!("command_V,{name}\n"), |text, k| {
-            text + &format!("{k},2\n")
-        });
-        let mut options = ReadOptions {
-            rate_hz: Some(1e3),
-            ..ReadOptions::default()
-        };
+        let text = (0..20).fold(format!("command_V,{name}\n"), |text, k| text + &format!("{k},2\n"));
+        let mut options = ReadOptions { rate_hz: Some(1e3), ..ReadOptions::default() };
         options.columns.insert("displacement".into(), name.into());
         if let Some(scale) = scale {
             options.scale.insert("displacement".into(), scale);
@@ -288,17 +231,12 @@ fn units_come_from_the_name_and_the_option_goes_before_it() {
 #[test]
 fn a_stated_rate_is_taken_where_the_times_agree_with_it() {
     let read = |rate_hz: f64, step_s: f64| {
-        let text = (0..200).fold(
-            format!("# rate_hz: {rate_hz}\ntime_s,command_V,displacement_um\n"),
-            |text, k| text + &format!("{:.6},{k},{k}\n", f64::from(k) * step_s),
-        );
-        RowReader::from_csv(
-            Path::new("x"),
-            std::io::Cursor::new(text),
-            &ReadOptions::default(),
-        )
-        .and_then(RowReader::into_log)
-        .expect("read")
+        let text = (0..200).fold(format!("# rate_hz: {rate_hz}\ntime_s,command_V,displacement_um\n"), |text, k| {
+            text + &format!("{:.6},{k},{k}\n", f64::from(k) * step_s)
+        });
+        RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &ReadOptions::default())
+            .and_then(RowReader::into_log)
+            .expect("read")
     };
     // 33.3 us in steps of 1 us: the rate is better than what the times say.
     assert_eq!(read(3e4, 1.0 / 3e4).dt_s, 1.0 / 3e4);
@@ -332,40 +270,24 @@ fn a_controldesk_capture_is_read() {
     let scratch = Scratch::new("dspace");
     for (with_axis, compress) in [(true, false), (true, true), (false, true)] {
         let path = scratch.file("capture.mat");
-        matrw::save_matfile_v7(path.to_str().expect("UTF-8"), capture(with_axis), compress)
-            .expect("saved");
+        matrw::save_matfile_v7(path.to_str().expect("UTF-8"), capture(with_axis), compress).expect("saved");
         let mut options = ReadOptions::default();
         options.columns.insert("command".into(), "u_V".into());
-        options
-            .columns
-            .insert("displacement".into(), "Model Root/Sensor/y_um".into());
+        options.columns.insert("displacement".into(), "Model Root/Sensor/y_um".into());
         let log = log::read(&path, &options).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(
-            (log.len(), log.command_v[3], log.displacement_m[4]),
-            (40, 6.0, 2e-6)
-        );
+        assert_eq!((log.len(), log.command_v[3], log.displacement_m[4]), (40, 6.0, 2e-6));
         assert!((log.dt_s - 1e-3).abs() < 1e-17);
 
         options.columns.insert("displacement".into(), "y_um".into());
         let message = log::read(&path, &options).expect_err("two").to_string();
-        assert!(
-            message.contains("2 columns answer to `y_um` (displacement)"),
-            "{message}"
-        );
-        options
-            .columns
-            .insert("displacement".into(), "temperature".into());
+        assert!(message.contains("2 columns answer to `y_um` (displacement)"), "{message}");
+        options.columns.insert("displacement".into(), "temperature".into());
         let message = log::read(&path, &options).expect_err("rasters").to_string();
-        assert!(
-            message.contains("temperature and u_V were captured in different rasters"),
-            "{message}"
-        );
+        assert!(message.contains("temperature and u_V were captured in different rasters"), "{message}");
         options.columns.insert("displacement".into(), "z".into());
         let message = log::read(&path, &options).expect_err("missing").to_string();
         assert!(
-            message.contains(
-                "no column `z` (displacement); it has Model Root/Drive/u_V, Model Root/Sensor/y_um"
-            ),
+            message.contains("no column `z` (displacement); it has Model Root/Drive/u_V, Model Root/Sensor/y_um"),
             "{message}"
         );
     }
@@ -388,28 +310,15 @@ fn tables_of_numpy_are_read_by_index_in_both_orders() {
         bytes
     };
     let by_row: Vec<f32> = (0..20).flat_map(|k| [k as f32, 0.5 * k as f32]).collect();
-    let by_column: Vec<f32> = (0..20)
-        .map(|k| k as f32)
-        .chain((0..20).map(|k| 0.5 * k as f32))
-        .collect();
-    let mut options = ReadOptions {
-        rate_hz: Some(6400.0),
-        ..ReadOptions::default()
-    };
+    let by_column: Vec<f32> = (0..20).map(|k| k as f32).chain((0..20).map(|k| 0.5 * k as f32)).collect();
+    let mut options = ReadOptions { rate_hz: Some(6400.0), ..ReadOptions::default() };
     options.columns.insert("command".into(), "0".into());
     options.columns.insert("displacement".into(), "1".into());
     for (order, values) in [(npyz::Order::C, by_row), (npyz::Order::Fortran, by_column)] {
-        let log = RowReader::from_npy(
-            Path::new("x"),
-            std::io::Cursor::new(write(order, &values)),
-            &options,
-        )
-        .and_then(RowReader::into_log)
-        .expect("read");
-        assert_eq!(
-            (log.len(), log.command_v[7], log.displacement_m[7]),
-            (20, 7.0, 3.5e-6)
-        );
+        let log = RowReader::from_npy(Path::new("x"), std::io::Cursor::new(write(order, &values)), &options)
+            .and_then(RowReader::into_log)
+            .expect("read");
+        assert_eq!((log.len(), log.command_v[7], log.displacement_m[7]), (20, 7.0, 3.5e-6));
         assert_eq!(log.dt_s, 1.0 / 6400.0);
     }
 }
@@ -430,20 +339,13 @@ fn a_measured_csv_is_read() {
         return;
     };
     let mut options = ReadOptions::default();
-    for (key, name) in [
-        ("time", "t_s"),
-        ("command", "u_V"),
-        ("displacement", "y_um"),
-    ] {
+    for (key, name) in [("time", "t_s"), ("command", "u_V"), ("displacement", "y_um")] {
         options.columns.insert(key.into(), name.into());
     }
     let log = log::read(&path, &options).expect("read");
     assert_eq!((log.len(), log.time_start_s), (8027, 0.0));
     assert!((log.dt_s - 0.005).abs() < 1e-15);
-    assert_eq!(
-        (log.command_v[1], log.displacement_m[1]),
-        (1.856539, -120.154262e-6)
-    );
+    assert_eq!((log.command_v[1], log.displacement_m[1]), (1.856539, -120.154262e-6));
     assert_eq!(log::warnings(&log), Vec::<String>::new());
 }
 
@@ -455,10 +357,7 @@ fn a_benchmarks_mat_file_is_read() {
     // One variable per file there: it stands for both columns here.
     let mat = matrw::load_matfile(path.to_str().expect("UTF-8")).expect("matrw reads it");
     let name = mat.iter().next().expect("a variable").0.clone();
-    let mut options = ReadOptions {
-        rate_hz: Some(750.0),
-        ..ReadOptions::default()
-    };
+    let mut options = ReadOptions { rate_hz: Some(750.0), ..ReadOptions::default() };
     options.columns.insert("command".into(), name.clone());
     options.columns.insert("displacement".into(), name.clone());
     let log = log::read(&path, &options).unwrap_or_else(|error| panic!("{error}"));
@@ -471,10 +370,7 @@ fn a_four_dimensional_array_is_refused_with_the_way_out() {
     let Some(path) = data("fsm-cubespec/u_100mV_train.npy") else {
         return;
     };
-    let options = ReadOptions {
-        rate_hz: Some(6400.0),
-        ..ReadOptions::default()
-    };
+    let options = ReadOptions { rate_hz: Some(6400.0), ..ReadOptions::default() };
     assert_eq!(
         log::read(&path, &options).expect_err("refused").to_string(),
         format!(

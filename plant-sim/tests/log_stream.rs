@@ -60,9 +60,7 @@ impl Read for Fabricated {
 /// The largest memory this process has had, bytes.
 fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
@@ -70,18 +68,9 @@ fn peak_bytes() -> Option<u64> {
 fn two_hundred_megabytes_pass_through_a_few() {
     const HEADER: &str = "time_s,command_V,displacement_um\n";
     let given = Arc::new(AtomicU64::new(0));
-    let rows = Fabricated {
-        row: 0,
-        pending: Vec::new(),
-        at: 0,
-        given: Arc::clone(&given),
-    };
+    let rows = Fabricated { row: 0, pending: Vec::new(), at: 0, given: Arc::clone(&given) };
     let before_bytes = peak_bytes();
-    let reader = RowReader::from_csv(
-        Path::new("endless.csv"),
-        HEADER.as_bytes().chain(rows),
-        &ReadOptions::default(),
-    );
+    let reader = RowReader::from_csv(Path::new("endless.csv"), HEADER.as_bytes().chain(rows), &ReadOptions::default());
     let mut reader = reader.expect("opened");
     let (mut n_rows, mut sum_m, mut most_ahead_bytes) = (0u64, 0.0, 0);
     for row in reader.by_ref() {
@@ -94,17 +83,10 @@ fn two_hundred_megabytes_pass_through_a_few() {
     // The sum of 6 million equal values, each addition rounded: well within 1e-9 of it.
     assert!((sum_m / (n_rows as f64 * 12.345678e-6) - 1.0).abs() < 1e-9);
     assert!((reader.dt_s() - 5e-5).abs() < 1e-15);
-    assert!(
-        most_ahead_bytes <= MAX_AHEAD_BYTES,
-        "{most_ahead_bytes} bytes ahead"
-    );
+    assert!(most_ahead_bytes <= MAX_AHEAD_BYTES, "{most_ahead_bytes} bytes ahead");
     match (before_bytes, peak_bytes()) {
         (Some(before), Some(after)) => {
-            assert!(
-                after - before < MAX_GROWTH_BYTES,
-                "grew by {} bytes",
-                after - before
-            );
+            assert!(after - before < MAX_GROWTH_BYTES, "grew by {} bytes", after - before);
         }
         _ => println!("not run: peak memory, /proc/self/status absent"),
     }

@@ -1,4 +1,229 @@
-//! placeholder
+//! `hysteron replay`: the logged command through a plant, row by row, so that a log of any length fits in memory.
+
 use crate::arguments::ReplayCall;
 use crate::failure::Failure;
-pub fn replay(_: &ReplayCall) -> Result<(), Failure> { Ok(()) }
+use crate::output;
+use gap_diagnosis::identify::fit_start;
+use gap_diagnosis::page::{ReplayView, four_digits, replay_page};
+use gap_diagnosis::residual::{Autocorrelation, LAGS};
+use indicatif::ProgressBar;
+use plant_sim::chain::Chain;
+use plant_sim::log::{self, Column, Log, Meta, Row, Writer};
+use plant_sim::metrics::Score;
+use plant_sim::model::Model;
+use plant_sim::replay::{Initial, Player, Start};
+
+/// Rows that are kept in memory: for the fit of the start, for warnings, and for the residual's autocorrelation.
+const HEAD_ROWS: usize = 200_000;
+/// Rows that the page keeps; beyond, every second one is dropped, and so on.
+const PAGE_ROWS: usize = 400_000;
+
+pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
+    let model = Model::read(&call.plant)?;
+    let chain = model.chain();
+    let mut warnings = model.warnings();
+    let head = head(call)?;
+    warnings.extend(log::warnings(&head));
+    let run_in_s = call.start.run_in.or(head.meta.run_in_s).unwrap_or(0.0);
+    let run_in = (run_in_s / head.dt_s).round() as usize;
+    let (start, _) = match (call.start.initial, model.stated_start()) {
+        (Initial::Relaxed, _) => (Start::relaxed(&chain), 0.0),
+        (initial, _) => fit_start(&chain, &head, initial, run_in, call.free_offset)?,
+    };
+    let spinner = output::spinner();
+    let mut replay = Replay { call, chain: &chain, start: &start, run_in, spinner: &spinner };
+    // A free offset is the mean of the whole residual, which is known only after a first pass over the log.
+    let offset_m = if call.free_offset { replay.pass(0.0, |_, _| Ok(()))?.offset_m() } else { 0.0 };
+    let meta = Meta { rate_hz: head.meta.rate_hz, ..Meta::default() };
+    let mut writer = Writer::create(&call.out, &meta, &[Column::Time, Column::Displacement, Column::Predicted])?;
+    let mut shown = Shown::new(run_in);
+    let score = replay.pass(offset_m, |row, predicted_m| {
+        writer.row(&[row.time_s, row.displacement_m, predicted_m])?;
+        shown.add(row, predicted_m);
+        Ok(())
+    })?;
+    writer.finish()?;
+    spinner.finish_and_clear();
+
+    let (rms_m, fit_percent) = (score.rms_m(false), score.fit_percent(false));
+    if fit_percent < 0.0 {
+        warnings.push(format!(
+            "the prediction is further from the log than a constant would be (fit {fit_percent:.0} %): \
+             does this plant belong to this log, and are the units right?"
+        ));
+    }
+    let facts = vec![
+        ("fit".to_owned(), four_digits(fit_percent, "%")),
+        ("rms".to_owned(), four_digits(rms_m * 1e6, "um")),
+        ("rows scored".to_owned(), score.rows().to_string()),
+        ("free offset".to_owned(), if call.free_offset { four_digits(offset_m * 1e6, "um") } else { "none".into() }),
+    ];
+    output::warn(&warnings);
+    if call.show.json {
+        let json = serde_json::json!({
+            "rms_um": rms_m * 1e6,
+            "fit_percent": fit_percent,
+            "rows": score.rows(),
+            "offset_um": offset_m * 1e6,
+        });
+        output::line(&json.to_string());
+    } else {
+        output::facts(&facts);
+        output::line(&format!("prediction: {}", call.out.display()));
+    }
+    if let Some(path) = output::page_path(&call.show, &call.out) {
+        let page = shown.page(call, &model, &facts, &warnings, fit_percent);
+        output::save_page(&page, &path, call.show.json)?;
+    }
+    Ok(())
+}
+
+/// The beginning of the log.
+fn head(call: &ReplayCall) -> Result<Log, Failure> {
+    let mut reader = log::open(&call.log, &call.read.options())?;
+    let mut head = Log { name: output::file_name(&call.log), ..Log::default() };
+    let force = reader.has(Column::Force);
+    let mut force_n = Vec::new();
+    for row in reader.by_ref().take(HEAD_ROWS) {
+        let row = row?;
+        if head.command_v.is_empty() {
+            head.time_start_s = row.time_s;
+        }
+        head.command_v.push(row.command_v);
+        head.displacement_m.push(row.displacement_m);
+        force_n.push(row.force_n.unwrap_or(0.0));
+    }
+    head.dt_s = reader.dt_s();
+    head.meta = reader.meta().clone();
+    head.force_n = force.then_some(force_n);
+    Ok(head)
+}
+
+struct Replay<'a> {
+    call: &'a ReplayCall,
+    chain: &'a Chain,
+    start: &'a Start,
+    run_in: usize,
+    spinner: &'a ProgressBar,
+}
+
+impl Replay<'_> {
+    /// Reads the log once, predicts every row, and hands both to `sink`; the score leaves the run-in out.
+    fn pass(
+        &mut self,
+        offset_m: f64,
+        mut sink: impl FnMut(&Row, f64) -> Result<(), Failure>,
+    ) -> Result<Score, Failure> {
+        let mut reader = log::open(&self.call.log, &self.call.read.options())?;
+        let Some(first) = reader.next().transpose()? else {
+            return Ok(Score::default());
+        };
+        // The reader knows the sampling interval from the second row on; the command after the present one is needed as well.
+        let mut next = reader.next().transpose()?;
+        let meta = reader.meta().clone();
+        let mut player = Player::new(self.chain, reader.dt_s(), meta.latency_s, meta.hold, self.start);
+        let mut score = Score::default();
+        let mut row = first;
+        let mut rows = 0usize;
+        loop {
+            let next_command_v = next.as_ref().map_or(row.command_v, |next: &Row| next.command_v);
+            let predicted_m = offset_m + player.row(row.command_v, next_command_v, row.force_n.unwrap_or(0.0));
+            if rows >= self.run_in {
+                score.add(row.displacement_m, predicted_m);
+            }
+            sink(&row, predicted_m)?;
+            rows += 1;
+            if rows.is_multiple_of(100_000) {
+                self.spinner.set_message(format!("replaying, {rows} rows"));
+            }
+            match next {
+                Some(following) => row = following,
+                None => return Ok(score),
+            }
+            next = reader.next().transpose()?;
+        }
+    }
+}
+
+/// What the page shows: every `stride`-th row, and the first residuals.
+struct Shown {
+    stride: usize,
+    rows: usize,
+    run_in: usize,
+    time_s: Vec<f64>,
+    command_v: Vec<f64>,
+    measured_um: Vec<f64>,
+    predicted_um: Vec<f64>,
+    residual_m: Vec<f64>,
+}
+
+impl Shown {
+    fn new(run_in: usize) -> Self {
+        let empty = Vec::new;
+        Self {
+            stride: 1,
+            rows: 0,
+            run_in,
+            time_s: empty(),
+            command_v: empty(),
+            measured_um: empty(),
+            predicted_um: empty(),
+            residual_m: empty(),
+        }
+    }
+
+    fn add(&mut self, row: &Row, predicted_m: f64) {
+        let scored = self.rows >= self.run_in;
+        if scored && self.residual_m.len() < HEAD_ROWS {
+            self.residual_m.push(row.displacement_m - predicted_m);
+        }
+        if self.rows.is_multiple_of(self.stride) {
+            self.time_s.push(row.time_s);
+            self.command_v.push(row.command_v);
+            self.measured_um.push(if scored { row.displacement_m * 1e6 } else { f64::NAN });
+            self.predicted_um.push(predicted_m * 1e6);
+        }
+        self.rows += 1;
+        if self.time_s.len() > PAGE_ROWS {
+            self.stride *= 2;
+            for column in [&mut self.time_s, &mut self.command_v, &mut self.measured_um, &mut self.predicted_um] {
+                let mut index = 0;
+                column.retain(|_| {
+                    index += 1;
+                    index % 2 == 1
+                });
+            }
+        }
+    }
+
+    fn page(
+        &self,
+        call: &ReplayCall,
+        model: &Model,
+        facts: &[(String, String)],
+        warnings: &[String],
+        fit_percent: f64,
+    ) -> gap_diagnosis::page::Page {
+        let correlation = Autocorrelation::of(&self.residual_m, LAGS);
+        let mut warnings = warnings.to_vec();
+        if self.stride > 1 {
+            warnings.push(format!("the log is long: the plots show every {}th row", self.stride));
+        }
+        let log = output::file_name(&call.log);
+        replay_page(&ReplayView {
+            title: "Replay",
+            subtitle: &format!("{} on {log}", model.name),
+            headline: &format!("{} explains {fit_percent:.2} % of {log}.", model.name),
+            time_s: &self.time_s,
+            command_v: &self.command_v,
+            measured_um: &self.measured_um,
+            predicted_um: &self.predicted_um,
+            autocorrelation: &correlation.correlation,
+            n_residuals: self.residual_m.len(),
+            spectrum: None,
+            metrics: facts,
+            warnings: &warnings,
+            provenance: &output::provenance(None),
+        })
+    }
+}

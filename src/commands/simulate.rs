@@ -101,7 +101,9 @@ fn check_unit(call: &SimulateCall, program: &Program) -> Result<(), Failure> {
 fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
     let rows = match call.seconds {
         Some(seconds) => (seconds * call.rate).round(),
-        None => program.samples().ok_or_else(|| Failure::call("the SPEC has no length of its own: give --seconds"))? as f64,
+        None => {
+            program.samples().ok_or_else(|| Failure::call("the SPEC has no length of its own: give --seconds"))? as f64
+        }
     };
     if rows < 1.0 {
         return Err(Failure::call(format!("--seconds is shorter than one sample at {} Hz", call.rate)));
@@ -216,7 +218,9 @@ fn readable(metrics: &LoopMetrics) -> Vec<(String, String)> {
         ("peak displacement", Some(metrics.peak_um), "um"),
         ("peak command", Some(metrics.peak_v), "V"),
     ];
-    rows.into_iter().filter_map(|(label, value, unit)| value.map(|v| (label.to_owned(), four_digits(v, unit)))).collect()
+    rows.into_iter()
+        .filter_map(|(label, value, unit)| value.map(|v| (label.to_owned(), four_digits(v, unit))))
+        .collect()
 }
 
 fn page(

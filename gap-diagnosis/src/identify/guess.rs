@@ -1,8 +1,8 @@
 //! A first guess of the plant from the logs alone: static gain, loop width, and the resonance if the logs show one.
 
+use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
-use plant_sim::metrics::Score;
 use plant_sim::model::{ActuatorSection, HysteronSection, Kind, Model, SCHEMA, StructureSection};
 use plant_sim::param::{ASSUMED_MASS_SIGMA, Param};
 use plant_sim::replay::{Start, predict};
@@ -12,8 +12,10 @@ const SCAN_ROWS: usize = 4000;
 /// Undamped frequencies and damping ratios of the scan.
 const SCAN_HZ: [f64; 9] = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 3200.0, 6400.0, 12800.0];
 const SCAN_DAMPING: [f64; 2] = [0.05, 0.4];
-/// Where the logs are too slow to show a resonance: that of the thesis' bender.
+/// Where the logs don't show a resonance: that of the thesis' bender, or the sampling rate if that is lower, critically damped.
+/// Ringing that nobody saw would open and close dead zones between samples.
 const UNSEEN_HZ: f64 = 783.0;
+const UNSEEN_DAMPING: f64 = 1.0;
 
 /// What the records look like before anything is fitted.
 pub struct Looks {
@@ -47,8 +49,8 @@ pub fn looks(log: &Log, run_in: usize) -> Looks {
     }
 }
 
-/// A plant with `hysterons` hysterons that has the logs' gain and loop width.
-pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg: f64) -> Model {
+/// A plant with `hysterons` hysterons that has the logs' gain and loop width, and whether the logs show a resonance at all.
+pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg: f64) -> (Model, bool) {
     let assumed = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
     let plant = |hz: f64, damping_ratio: f64, hysterons: usize| {
         let turning = std::f64::consts::TAU * hz;
@@ -86,21 +88,34 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
             fit: None,
         }
     };
-    let (hz, damping_ratio) = resonance(log, run_in, looks, &|hz, damping| plant(hz, damping, 0).chain());
-    plant(hz, damping_ratio, hysterons)
+    match resonance(log, run_in, looks, &|hz, damping| plant(hz, damping, 0).chain()) {
+        Some((hz, damping_ratio)) => (plant(hz, damping_ratio, hysterons), true),
+        None => (plant(UNSEEN_HZ.min(1.0 / log.dt_s), UNSEEN_DAMPING, hysterons), false),
+    }
 }
 
-/// Undamped frequency and damping ratio of a linear plant that replays the log best, if they matter to it.
-fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> (f64, f64) {
+/// Undamped frequency and damping ratio of a linear plant that replays the log best, if that makes a difference.
+fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> Option<(f64, f64)> {
     let rows = log.command_v.len().min(run_in + SCAN_ROWS);
     let misfit = |hz: f64, damping: f64| {
         let chain = plant(hz, damping);
         let start = Start::at_rest(&chain, log.command_v[0], Vec::new());
-        let mut score = Score::default();
-        for (y, predicted) in log.displacement_m.iter().zip(predict(&chain, log, &start, rows)).skip(run_in) {
-            score.add(*y, predicted * looks.gain_m_per_v.signum());
+        let predicted = predict(&chain, log, &start, rows);
+        // Hysteresis lags as well; so the prediction may be scaled, moved in time a little, and offset before it is compared.
+        let regressors = DMatrix::from_fn(rows - run_in, 3, |row, column| {
+            let k = row + run_in;
+            let (before, after) = (predicted[k.saturating_sub(1)], predicted[(k + 1).min(rows - 1)]);
+            match column {
+                0 => predicted[k],
+                1 => after - before,
+                _ => looks.gain_m_per_v * looks.span_v,
+            }
+        });
+        let measured = DVector::from_column_slice(&log.displacement_m[run_in..rows]);
+        match (regressors.tr_mul(&regressors)).cholesky() {
+            Some(normal) => (&measured - &regressors * normal.solve(&regressors.tr_mul(&measured))).norm(),
+            None => f64::INFINITY,
         }
-        score.rms_m(true)
     };
     // A resonance that dies out within a few samples can't be seen: every candidate above the sampling rate looks alike.
     let candidates: Vec<(f64, f64, f64)> = SCAN_HZ
@@ -108,9 +123,10 @@ fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -
         .filter(|&&hz| hz * log.dt_s < 2.0)
         .flat_map(|&hz| SCAN_DAMPING.map(|damping| (hz, damping, misfit(hz, damping))))
         .collect();
-    let unseen = misfit(UNSEEN_HZ, SCAN_DAMPING[1]);
-    match candidates.iter().min_by(|a, b| a.2.total_cmp(&b.2)) {
-        Some(best) if best.2 < 0.97 * unseen => (best.0, best.1),
-        _ => (UNSEEN_HZ, SCAN_DAMPING[1]),
-    }
+    let unseen = misfit(UNSEEN_HZ.min(1.0 / log.dt_s), UNSEEN_DAMPING);
+    candidates
+        .iter()
+        .min_by(|a, b| a.2.total_cmp(&b.2))
+        .filter(|best| best.2 < 0.97 * unseen)
+        .map(|best| (best.0, best.1))
 }

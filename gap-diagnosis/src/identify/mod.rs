@@ -10,7 +10,7 @@ mod guess;
 pub mod parameters;
 pub mod problem;
 
-use crate::residual::{Autocorrelation, LAGS, noise_rms};
+use crate::residual::{Autocorrelation, LAGS, noise_rms, samples_per_independent};
 use levenberg_marquardt::LevenbergMarquardt;
 use nalgebra::{DMatrix, DVector};
 use parameters::{Free, Quantity, Scale, StartCoordinates};
@@ -20,7 +20,7 @@ use plant_sim::metrics::{Score, rms};
 use plant_sim::model::{InitialStateSection, Model};
 use plant_sim::param::Param;
 use plant_sim::replay::{Initial, Start};
-use problem::{Problem, Record};
+use problem::{Problem, Record, spread_m};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -31,8 +31,15 @@ const BOUND_GUESSED: f64 = 4.0;
 /// Spread of the random starts around a stated plant, and around a guessed one, in logarithms.
 const SPREAD_STATED: f64 = 0.3;
 const SPREAD_GUESSED: f64 = 0.7;
-/// A number is unseen if the logs leave more than this fraction of its prior standard deviation, were all that is left noise.
+/// A fit whose residual is below this multiple of the noise is at the noise.
+const AT_NOISE: f64 = 1.05;
+/// A number is unseen if the logs leave more than this fraction of its prior standard deviation.
 const UNSEEN: f64 = 0.5;
+/// Putting unseen numbers back at their priors may cost this much chi-square; beyond, they are seen together if not one by one.
+const UNSEEN_COST: f64 = 4.0;
+/// The first descents count residuals in units of at least this fraction of the log's span, so that the priors hold them together
+/// until the fit is near; at full weight, valleys that are almost flat lead astray.
+const FIRST_UNIT: f64 = 0.003;
 /// Work of one simulation (rows times moves per row) above which the first descents use only a part of each log.
 const CHEAP: usize = 60_000;
 /// Least rows a shortened log keeps.
@@ -42,8 +49,8 @@ const LEAST_NOISE_M: f64 = 1e-12;
 /// Relative change of cost and coordinates at which a descent ends: among the starts, and for the one that is kept.
 const COARSE: f64 = 1e-5;
 const FINE: f64 = 1e-7;
-/// Evaluations that a descent may take, per coordinate.
-const PATIENCE: usize = 10;
+/// Evaluations that a descent may take.
+const EVALUATIONS: usize = 60;
 /// A delay is added if it lies this many standard deviations from zero.
 const DELAY_SIGMAS: f64 = 4.0;
 /// Most hysterons that `Hysterons::Auto` tries.
@@ -215,23 +222,26 @@ pub type Progress<'a> = &'a (dyn Fn(&str, usize) + Sync);
 pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Result<Fit, IdentifyError> {
     check(logs, options)?;
     let simulations = AtomicUsize::new(0);
-    let fit = |nominal: Model, stated: bool| Session::new(logs, options, nominal, stated, &simulations, progress).run();
+    let fit = |nominal: Model, basis: Basis| Session::new(logs, options, nominal, basis, &simulations, progress).run();
     match &options.from {
-        From::Plant(model) => fit(model.as_ref().clone(), true),
+        From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
         From::Logs { hysterons, mass_kg } => {
             let run_in = run_in_rows(&logs[0], options);
             let looks = guess::looks(&logs[0], run_in);
             if looks.gain_m_per_v < 0.0 {
                 return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
             }
-            let guessed = |n: usize| guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
+            let guessed = |n: usize| {
+                let (model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
+                fit(model, Basis::Guessed { resonance_seen })
+            };
             match hysterons {
-                Hysterons::Fixed(n) => fit(guessed(*n), false),
+                Hysterons::Fixed(n) => guessed(*n),
                 Hysterons::Auto => {
-                    let mut best = fit(guessed(0), false)?;
+                    let mut best = guessed(0)?;
                     let mut worse_in_a_row = 0;
                     for n in 1..=MOST_HYSTERONS {
-                        let next = fit(guessed(n), false)?;
+                        let next = guessed(n)?;
                         if next.bic_independent < best.bic_independent {
                             best = next;
                             worse_in_a_row = 0;
@@ -279,13 +289,13 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
     Ok(())
 }
 
-/// What counts as one observation.
+/// What the nominal plant rests on.
 #[derive(Clone, Copy, PartialEq)]
-enum Count {
-    /// Every sample, as if the residual were white: what the logs could tell at the best.
-    Samples,
-    /// Every independent sample: what they do tell.
-    Independent,
+enum Basis {
+    /// Somebody states it.
+    Stated,
+    /// It was guessed from the logs, which may be too slow to show a resonance.
+    Guessed { resonance_seen: bool },
 }
 
 /// One fit of one nominal plant to the logs.
@@ -294,7 +304,7 @@ struct Session<'a> {
     options: &'a Options,
     nominal: Model,
     chain: Chain,
-    stated: bool,
+    basis: Basis,
     simulations: &'a AtomicUsize,
     progress: Progress<'a>,
 }
@@ -304,24 +314,27 @@ impl<'a> Session<'a> {
         logs: &'a [Log],
         options: &'a Options,
         nominal: Model,
-        stated: bool,
+        basis: Basis,
         simulations: &'a AtomicUsize,
         progress: Progress<'a>,
     ) -> Self {
         let mut chain = nominal.chain();
         // The fit sees the ideal sensor; noise and quantisation are what the residual is made of.
         chain.sensor = plant_sim::chain::Sensor::IDEAL;
-        Self { logs, options, nominal, chain, stated, simulations, progress }
+        Self { logs, options, nominal, chain, basis, simulations, progress }
     }
 
     fn say(&self, phase: &str) {
         (self.progress)(phase, self.simulations.load(Ordering::Relaxed));
     }
 
-    fn free(&self) -> Vec<Free> {
+    /// The quantities to be fitted, and those that these logs can't see at all.
+    fn free(&self) -> (Vec<Free>, Vec<Free>) {
         let mut chain = self.chain.clone();
-        let (bound, prior_sigma) =
-            if self.stated { (BOUND_STATED, BOUND_STATED) } else { (BOUND_GUESSED, BOUND_GUESSED / 2.0) };
+        let (bound, prior_sigma) = match self.basis {
+            Basis::Stated => (BOUND_STATED, BOUND_STATED),
+            Basis::Guessed { .. } => (BOUND_GUESSED, BOUND_GUESSED / 2.0),
+        };
         let mut free: Vec<Free> = Quantity::of(&self.nominal)
             .into_iter()
             .map(|quantity| Free {
@@ -336,7 +349,12 @@ impl<'a> Session<'a> {
         if chain.drive.delay_s > 0.0 {
             free.push(self.delay());
         }
-        free
+        // Without a resonance in the logs only alpha/k shows, and damping not at all.
+        let hidden = |f: &Free| {
+            self.basis == Basis::Guessed { resonance_seen: false }
+                && matches!(f.quantity, Quantity::Stiffness | Quantity::Damping)
+        };
+        free.into_iter().partition(|f| !hidden(f))
     }
 
     fn delay(&self) -> Free {
@@ -349,82 +367,19 @@ impl<'a> Session<'a> {
     }
 
     fn records(&self) -> Vec<Record<'a>> {
-        let offset_guess_m = |log: &Log| log.displacement_m[0];
-        self.logs
-            .iter()
-            .map(|log| {
-                let run_in = run_in_rows(log, self.options);
-                let u = &log.command_v;
-                let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-                // Before a log that starts with a step the drive was something else than its first command: the first
-                // displacement tells, up to the offset, which the line through the log gives.
-                let looks = guess::looks(log, run_in);
-                let drive_v = (offset_guess_m(log) - looks.offset_m) / looks.gain_m_per_v;
-                let noise_m = noise_rms(&log.displacement_m[run_in..]).max(LEAST_NOISE_M);
-                Record {
-                    log,
-                    run_in,
-                    rows: log.command_v.len(),
-                    noise_m,
-                    start: StartCoordinates {
-                        initial: self.options.initial,
-                        drive_v: if drive_v.is_finite() { drive_v.clamp(low.min(0.0), high.max(0.0)) } else { u[0] },
-                        span_v: high - low,
-                    },
-                }
-            })
-            .collect()
-    }
-
-    /// Records cut so that one simulation of all of them is cheap.
-    fn shortened(&self, records: &[Record<'a>]) -> Vec<Record<'a>> {
-        let plant = &self.chain.plant;
-        let turning_per_s = (plant.stiffness_n_per_m / plant.mass_kg).sqrt();
-        let work: usize = records.iter().map(|r| r.rows * (1 + (r.log.dt_s * turning_per_s) as usize)).sum();
-        let share = CHEAP as f64 / work as f64;
-        let cut = |record: &Record<'a>| {
-            let scored = (((record.rows - record.run_in) as f64 * share) as usize).max(LEAST_ROWS);
-            Record { rows: record.rows.min(record.run_in + scored), ..record.clone() }
-        };
-        if share < 1.0 { records.iter().map(cut).collect() } else { records.to_vec() }
-    }
-
-    /// Coordinates of the first start: the prior, and for each log the offset of the line through it.
-    fn origin(&self, records: &[Record<'_>], free: &[Free]) -> DVector<f64> {
-        let hysterons = self.chain.plant.hysterons.len();
-        let mut z = DVector::zeros(Problem::coordinates(records, free, hysterons));
-        let problem = Problem::new(records, free, &self.chain, self.simulations, z.clone());
-        for (index, record) in records.iter().enumerate() {
-            // The mean residual is the offset that a line would leave; the fit refines it.
-            let predicted = problem.prediction_m(index, &z);
-            let rows = (record.rows - record.run_in) as f64;
-            let mean_m = (record.run_in..record.rows).map(|k| record.log.displacement_m[k] - predicted[k]).sum::<f64>() / rows;
-            problem.set_offset(&mut z, index, mean_m);
-        }
-        z
-    }
-
-    fn descend<'p>(&self, problem: Problem<'p>, tolerance: f64) -> Problem<'p> {
-        let (problem, report) = LevenbergMarquardt::new()
-            .with_ftol(tolerance)
-            .with_xtol(tolerance)
-            .with_gtol(1e-10)
-            .with_patience(PATIENCE)
-            .minimize(problem);
-        if std::env::var("DBG").is_ok() { println!("   {:?} evals {} cost {:e}", report.termination, report.number_of_evaluations, problem.cost()); }
-        problem
+        self.logs.iter().map(|log| record(log, run_in_rows(log, self.options), self.options.initial, true)).collect()
     }
 
     fn run(&self) -> Result<Fit, IdentifyError> {
         let records = self.records();
-        let short = self.shortened(&records);
-        let mut free = self.free();
+        let short = shortened(&self.chain, &records);
+        let (free, hidden) = self.free();
         let starts = self.options.starts.max(1);
         let hysterons = self.chain.plant.hysterons.len();
         // The plant has the sign and size of the line at least; offsets come from it.
-        let origin = self.origin(&short, &free);
+        let origin = origin(&self.chain, &short, &free, self.simulations);
         let mut random = Pcg64::seed_from_u64(self.options.seed);
-        let spread = if self.stated { SPREAD_STATED } else { SPREAD_GUESSED };
+        let spread = if self.basis == Basis::Stated { SPREAD_STATED } else { SPREAD_GUESSED };
         let mut ends: Vec<Problem<'_>> = Vec::new();
         for start in 0..starts {
             self.say(&format!("{hysterons} hysterons, start {} of {starts}", start + 1));
@@ -434,117 +389,92 @@ impl<'a> Session<'a> {
                     *coordinate += random.random_range(-spread..spread);
                 }
             }
-            ends.push(self.descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE));
+            let end = descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE);
+            if !at_noise(&short, &end) {
+                // A start state that an early step got wrong holds the rest in a near miss: try again from where it began.
+                let mut z = end.coordinates_now().clone();
+                let own = free.len()..z.len();
+                z.rows_range_mut(own.clone()).copy_from(&origin.rows_range(own));
+                ends.push(descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE));
+            }
+            ends.push(end);
+            if ends.iter().rev().take(2).any(|end| at_noise(&short, end)) {
+                break;
+            }
         }
         ends.retain(|p| p.cost().is_finite());
         ends.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
-        let starts_rms_m: Vec<f64> =
-            ends.iter().map(|p| rms((0..short.len()).flat_map(|i| p.residual_m(i)))).collect();
+        let starts_rms_m: Vec<f64> = ends.iter().map(|p| rms((0..short.len()).flat_map(|i| p.residual_m(i)))).collect();
         let Some(best) = ends.first() else {
             return Err(IdentifyError::NoFit { starts });
         };
         self.say(&format!("{hysterons} hysterons, polishing"));
-        let mut z = levenberg_marquardt::LeastSquaresProblem::params(best);
+        let mut z = best.coordinates_now().clone();
+        let mut problem = Problem::new(&records, &free, &self.chain, self.simulations, z.clone());
         drop(ends);
-        let mut problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), FINE);
+        // What one independent sample is uncertain by is known once the fit is near; twice, because the fit moves with it.
+        let weighed = weigh(&records, &problem);
+        problem = descend(Problem::new(&weighed, &free, &self.chain, self.simulations, z.clone()), FINE);
+        let records = weigh(&weighed, &problem);
         z = problem.coordinates_now().clone();
-        if !free.iter().any(|f| f.quantity == Quantity::Delay) && self.delay_shows(&records, &free, &z) {
+        let problem = descend(Problem::new(&records, &free, &self.chain, self.simulations, z), FINE);
+        if !free.iter().any(|f| f.quantity == Quantity::Delay)
+            && let Some(z) = self.with_delay(&records, &free, problem.coordinates_now())
+        {
             self.say(&format!("{hysterons} hysterons, with a delay"));
-            let at = free.len();
-            free.push(self.delay());
-            // One coordinate is half a percent of a sample: off its bound at zero, where it has no gradient to one side.
-            z = z.insert_row(at, 0.005);
-            problem = self.descend(Problem::new(&records, &free, &self.chain, self.simulations, z.clone()), FINE);
-            z = problem.coordinates_now().clone();
+            let mut delayed = free.clone();
+            delayed.push(self.delay());
+            let found = descend(Problem::new(&records, &delayed, &self.chain, self.simulations, z), FINE);
+            if found.cost() + DELAY_SIGMAS * DELAY_SIGMAS < problem.cost() {
+                let weighed = weigh(&records, &found);
+                let z = found.coordinates_now().clone();
+                let problem = descend(Problem::new(&weighed, &delayed, &self.chain, self.simulations, z), FINE);
+                return Ok(self.finish(&weighed, problem, &delayed, hidden, starts_rms_m));
+            }
         }
-        let (unseen, z, free_left) = self.set_aside_unseen(&records, free, z);
-        let problem = Problem::new(&records, &free_left, &self.chain, self.simulations, z);
-        Ok(self.report(&records, &problem, &free_left, &unseen, starts_rms_m))
+        Ok(self.finish(&records, problem, &free, hidden, starts_rms_m))
     }
 
-    /// Whether a delay would explain some of what is left: its linear estimate, every other coordinate free to move.
-    fn delay_shows(&self, records: &[Record<'_>], free: &[Free], z: &DVector<f64>) -> bool {
+    /// Coordinates with a delay, if its linear estimate, with every other coordinate free to move, lies well above zero.
+    fn with_delay(&self, records: &[Record<'_>], free: &[Free], z: &DVector<f64>) -> Option<DVector<f64>> {
         let mut free = free.to_vec();
         let at = free.len();
         free.push(self.delay());
+        // A thousandth of a sample, because at zero the delay is at its bound and has no gradient to one side.
         let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
-        let Some(covariance) = self.covariance(records, &problem, Count::Independent) else { return false };
+        let covariance = covariance(&problem)?;
         let sensitivities = problem.sensitivities();
-        let residual = problem.data_residuals();
-        let gradient = sensitivities.tr_mul(&residual);
-        let Some(normal) = sensitivities.tr_mul(&sensitivities).cholesky() else { return false };
-        let step = -normal.solve(&gradient);
-        step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()
+        let prior = problem.coordinates_now().component_div(&problem.prior_sigma().map(|s| s * s));
+        let step = -(&covariance * (sensitivities.tr_mul(&problem.data_residuals()) + prior));
+        (step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()).then(|| problem.coordinates_now() + step)
     }
 
-    /// Covariance of the coordinates: data weighted by their residual's size and counted in independent samples, plus priors.
-    fn covariance(&self, records: &[Record<'_>], problem: &Problem<'_>, count: Count) -> Option<DMatrix<f64>> {
-        let mut weighted = problem.sensitivities();
-        let mut from = 0;
-        for (index, record) in records.iter().enumerate() {
-            let residual = problem.residual_m(index);
-            let samples = match count {
-                Count::Samples => 1.0,
-                Count::Independent => Autocorrelation::of(&residual, residual.len() / 4).samples_per_independent(),
-            };
-            let sigma_units = rms(residual.iter().copied()) / record.noise_m * samples.sqrt();
-            weighted.rows_mut(from, residual.len()).scale_mut(1.0 / sigma_units.max(1e-12));
-            from += residual.len();
-        }
-        let mut information = weighted.tr_mul(&weighted);
-        for (i, sigma) in problem.prior_sigma().iter().enumerate() {
-            information[(i, i)] += 1.0 / (sigma * sigma);
-        }
-        information.cholesky().map(|c| c.inverse())
-    }
-
-    /// Puts numbers that the logs can't see back at their priors, the least visible first, refitting the rest each time.
-    fn set_aside_unseen(
+    /// Puts numbers that the logs can't see back at their priors, refits the rest, and reports.
+    fn finish(
         &self,
         records: &[Record<'_>],
-        mut free: Vec<Free>,
-        mut z: DVector<f64>,
-    ) -> (Vec<Free>, DVector<f64>, Vec<Free>) {
-        let mut unseen = Vec::new();
-        let mut kept_although_dim: Vec<Quantity> = Vec::new();
-        loop {
-            let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone());
-            let Some(covariance) = self.covariance(records, &problem, Count::Samples) else { break };
-            let dimmest = (0..free.len())
-                .filter(|&i| !kept_although_dim.contains(&free[i].quantity))
-                .map(|i| (i, covariance[(i, i)].sqrt() / free[i].prior_sigma))
-                .max_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((index, _)) = dimmest.filter(|d| d.1 > UNSEEN) else { break };
-            self.say(&format!("setting aside {}", free[index].quantity.name()));
-            let mut fewer = free.clone();
-            let set_aside = fewer.remove(index);
-            let refitted = self.descend(
-                Problem::new(records, &fewer, &self.chain, self.simulations, z.clone().remove_row(index)),
-                FINE,
-            );
-            // A number that costs fit when it is put back is seen after all, if only along with others.
-            let independent = self.samples_per_independent(records, &problem);
-            if refitted.data_cost() - problem.data_cost() > 9.0 * independent * problem.data_cost() / problem.data_rows() as f64 {
-                kept_although_dim.push(set_aside.quantity);
-                continue;
+        problem: Problem<'_>,
+        free: &[Free],
+        hidden: Vec<Free>,
+        starts_rms_m: Vec<f64>,
+    ) -> Fit {
+        let z = problem.coordinates_now();
+        let sigma = covariance(&problem).map(|c| c.diagonal().map(f64::sqrt));
+        // What has moved away from its prior by more than it is uncertain was moved by the logs, if only along with others.
+        let dim =
+            |i: usize| sigma.as_ref().is_some_and(|s| s[i] > UNSEEN * free[i].prior_sigma && z[i].abs() < 2.0 * s[i]);
+        let dims: Vec<usize> = (0..free.len()).filter(|&i| dim(i)).collect();
+        if !dims.is_empty() {
+            self.say("putting unseen numbers back");
+            let seen: Vec<Free> = (0..free.len()).filter(|i| !dims.contains(i)).map(|i| free[i]).collect();
+            let unseen: Vec<Free> = hidden.iter().copied().chain(dims.iter().map(|&i| free[i])).collect();
+            let z = z.clone().remove_rows_at(&dims);
+            let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
+            if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
+                return self.report(records, &refitted, &seen, &unseen, starts_rms_m);
             }
-            z = refitted.coordinates_now().clone();
-            free = fewer;
-            unseen.push(set_aside);
         }
-        (unseen, z, free)
-    }
-
-    fn samples_per_independent(&self, records: &[Record<'_>], problem: &Problem<'_>) -> f64 {
-        let mean = |sum: f64| sum / records.len() as f64;
-        mean(
-            (0..records.len())
-                .map(|i| {
-                    let residual = problem.residual_m(i);
-                    Autocorrelation::of(&residual, residual.len() / 4).samples_per_independent()
-                })
-                .sum(),
-        )
+        self.report(records, &problem, free, &hidden, starts_rms_m)
     }
 
     fn report(
@@ -556,7 +486,7 @@ impl<'a> Session<'a> {
         starts_rms_m: Vec<f64>,
     ) -> Fit {
         let z = problem.coordinates_now();
-        let covariance = self.covariance(records, problem, Count::Independent);
+        let covariance = covariance(problem);
         let fitted_chain = problem.chain(z);
         let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
         let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);
@@ -587,16 +517,17 @@ impl<'a> Session<'a> {
                 }
             };
             let at_bound = free.at_bound(z[i]);
+            let dim = coordinate_sigma > UNSEEN * free.prior_sigma;
             parameters.push(Fitted {
                 name: free.quantity.name(),
                 value: value * per_si,
                 sigma,
                 prior: free.prior * per_si,
                 verdict: if at_bound { Verdict::AtBound } else { Verdict::Fitted },
-                note: if at_bound {
-                    "at its bound: start nearer to it (--plant), or the model lacks an effect".into()
-                } else {
-                    "fitted".into()
+                note: match (at_bound, dim) {
+                    (true, _) => "at its bound: start nearer to it (--plant), or the model lacks an effect".into(),
+                    (false, true) => "fitted together with others; by itself these logs hardly see it".into(),
+                    (false, false) => "fitted".into(),
                 },
             });
         }
@@ -635,8 +566,12 @@ impl<'a> Session<'a> {
         }
         let rows = problem.data_rows() as f64;
         let count = z.len() as f64;
-        let log_mean_square = (problem.data_cost() / rows).ln();
-        let independent = rows / self.samples_per_independent(records, problem);
+        let residual_m: Vec<f64> = (0..records.len()).flat_map(|i| problem.residual_m(i)).collect();
+        let log_mean_square = 2.0 * rms(residual_m.iter().copied()).ln();
+        let independent: f64 = (0..records.len())
+            .map(|i| problem.residual_m(i))
+            .map(|residual| residual.len() as f64 / samples_per_independent(&residual))
+            .sum();
         Fit {
             model,
             parameters,
@@ -649,6 +584,113 @@ impl<'a> Session<'a> {
             seed: self.options.seed,
         }
     }
+}
+
+/// A log as a fit sees it first: its noise, and what its rows say of its start.
+fn record(log: &Log, run_in: usize, initial: Initial, offset_free: bool) -> Record<'_> {
+    let u = &log.command_v;
+    let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    // Before a log that starts with a step the drive was something else than its first command: the first displacement tells,
+    // up to the offset, which the line through the log gives.
+    let looks = guess::looks(log, run_in);
+    let drive_v = (log.displacement_m[0] - looks.offset_m) / looks.gain_m_per_v;
+    let noise_m = noise_rms(&log.displacement_m[run_in..]).max(LEAST_NOISE_M);
+    let start = StartCoordinates {
+        initial,
+        drive_v: if drive_v.is_finite() { drive_v.clamp(low.min(0.0), high.max(0.0)) } else { u[0] },
+        span_v: (high - low).max(1e-3),
+    };
+    let mut record = Record { log, run_in, rows: u.len(), noise_m, unit_m: noise_m, start, offset_free };
+    record.unit_m = noise_m.max(FIRST_UNIT * spread_m(&record));
+    record
+}
+
+/// Records cut so that one simulation of all of them is cheap.
+fn shortened<'a>(chain: &Chain, records: &[Record<'a>]) -> Vec<Record<'a>> {
+    let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
+    let work: usize = records.iter().map(|r| r.rows * (1 + (r.log.dt_s * turning_per_s) as usize)).sum();
+    let share = CHEAP as f64 / work as f64;
+    let cut = |record: &Record<'a>| {
+        let scored = (((record.rows - record.run_in) as f64 * share) as usize).max(LEAST_ROWS);
+        Record { rows: record.rows.min(record.run_in + scored), ..record.clone() }
+    };
+    if share < 1.0 { records.iter().map(cut).collect() } else { records.to_vec() }
+}
+
+/// Coordinates of the first start: the prior, and for each log with a free offset the mean residual there.
+fn origin(chain: &Chain, records: &[Record<'_>], free: &[Free], simulations: &AtomicUsize) -> DVector<f64> {
+    let hysterons = chain.plant.hysterons.len();
+    let mut z = DVector::zeros(Problem::coordinates(records, free, hysterons));
+    let problem = Problem::new(records, free, chain, simulations, z.clone());
+    for (index, record) in records.iter().enumerate().filter(|(_, r)| r.offset_free) {
+        let residual_m = problem.residual_m(index);
+        problem.set_offset(&mut z, index, -residual_m.iter().sum::<f64>() / (record.rows - record.run_in) as f64);
+    }
+    z
+}
+
+fn descend(problem: Problem<'_>, tolerance: f64) -> Problem<'_> {
+    // The library multiplies its patience by one more than the coordinates.
+    let patience = (EVALUATIONS / (problem.coordinates_now().len() + 1)).max(1);
+    let fit =
+        LevenbergMarquardt::new().with_ftol(tolerance).with_xtol(tolerance).with_gtol(1e-10).with_patience(patience);
+    fit.minimize(problem).0
+}
+
+/// The start that lets `chain` replay the beginning of a log best, and the offset of the log's sensor if that is free.
+///
+/// `log` may be the beginning of a longer one.
+///
+/// # Errors
+/// A run-in that leaves nothing, or a log that doesn't move.
+pub fn fit_start(
+    chain: &Chain,
+    log: &Log,
+    initial: Initial,
+    run_in: usize,
+    offset_free: bool,
+) -> Result<(Start, f64), IdentifyError> {
+    if log.displacement_m.len() < run_in + 16 {
+        let run_in_s = run_in as f64 * log.dt_s;
+        let rows = log.displacement_m.len().saturating_sub(run_in);
+        return Err(IdentifyError::RunInTooLong { log: log.name.clone(), rows, run_in_s });
+    }
+    let simulations = AtomicUsize::new(0);
+    let mut chain = chain.clone();
+    if offset_free {
+        chain.sensor.offset_m = 0.0;
+    }
+    let records = [record(log, run_in, initial, offset_free)];
+    let records = shortened(&chain, &records);
+    let z = origin(&chain, &records, &[], &simulations);
+    let problem = descend(Problem::new(&records, &[], &chain, &simulations, z), FINE);
+    let (offset_m, start) = problem.own_start(0);
+    Ok((start, offset_m))
+}
+
+/// Whether nothing but noise is left: no other start could do better.
+fn at_noise(records: &[Record<'_>], problem: &Problem<'_>) -> bool {
+    records.iter().enumerate().all(|(i, record)| rms(problem.residual_m(i)) < AT_NOISE * record.noise_m)
+}
+
+/// Records whose unit is what an independent sample of their present residual is uncertain by, but at least their noise.
+fn weigh<'a>(records: &[Record<'a>], problem: &Problem<'_>) -> Vec<Record<'a>> {
+    let weighed = |(index, record): (usize, &Record<'a>)| {
+        let residual_m = problem.residual_m(index);
+        let unit_m = rms(residual_m.iter().copied()) * samples_per_independent(&residual_m).sqrt();
+        Record { unit_m: unit_m.max(LEAST_NOISE_M), ..record.clone() }
+    };
+    records.iter().enumerate().map(weighed).collect()
+}
+
+/// Covariance of the coordinates: the logs' information plus the priors'.
+fn covariance(problem: &Problem<'_>) -> Option<DMatrix<f64>> {
+    let sensitivities = problem.sensitivities();
+    let mut information = sensitivities.tr_mul(&sensitivities);
+    for (i, sigma) in problem.prior_sigma().iter().enumerate() {
+        information[(i, i)] += 1.0 / (sigma * sigma);
+    }
+    information.cholesky().map(|c| c.inverse())
 }
 
 fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
@@ -691,6 +733,9 @@ fn largest_hysteron_voltages(records: &[Record<'_>], problem: &Problem<'_>, chai
 
 fn why_unseen(quantity: Quantity, chain: &Chain, reach_v: &[f64]) -> String {
     let kept = "these logs can't see it; kept at its prior";
+    if matches!(quantity, Quantity::Stiffness | Quantity::Damping) {
+        return format!("{kept}: they show no resonance, so only alpha/k is theirs to say");
+    }
     let (Quantity::DeadZone(i) | Quantity::Slope(i)) = quantity else { return kept.into() };
     let (hysteron, reach_v) = (&chain.plant.hysterons[i], reach_v[i]);
     if reach_v < hysteron.edge_v() {

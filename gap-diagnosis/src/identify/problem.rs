@@ -1,4 +1,4 @@
-//! The least-squares problem: residuals of all logs in units of their noise, priors, and sensitivities by re-simulation.
+//! The least-squares problem: residuals of all logs in units of their uncertainty, priors, and sensitivities by re-simulation.
 
 use super::parameters::{Free, StartCoordinates};
 use levenberg_marquardt::LeastSquaresProblem;
@@ -23,10 +23,14 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rows that are used at all.
     pub rows: usize,
-    /// Rms of its noise in metres: the unit of its residuals.
+    /// Rms of its noise in metres.
     pub noise_m: f64,
+    /// Unit of its residuals in metres: what one independent sample is uncertain by.
+    pub unit_m: f64,
     /// Its start.
     pub start: StartCoordinates,
+    /// Whether its offset is fitted, or stays the chain's.
+    pub offset_free: bool,
 }
 
 impl Record<'_> {
@@ -35,7 +39,7 @@ impl Record<'_> {
     }
 }
 
-/// Coordinates: the free quantities, then for each log its offset (in units of its noise-free span) and its start.
+/// Coordinates: the free quantities, then for each log its offset (in its unit-free span) and its start.
 #[derive(Clone)]
 pub struct Problem<'a> {
     records: &'a [Record<'a>],
@@ -44,7 +48,7 @@ pub struct Problem<'a> {
     simulations: &'a AtomicUsize,
     offset_unit_m: f64,
     z: DVector<f64>,
-    /// Predictions at `z` in noise units, scored rows of all logs.
+    /// Predictions at `z` in the records' units, scored rows of all logs.
     scaled: Vec<f64>,
     residuals: DVector<f64>,
 }
@@ -59,10 +63,16 @@ impl<'a> Problem<'a> {
         z: DVector<f64>,
     ) -> Self {
         let offset_unit_m = records.iter().map(|r| spread_m(r)).fold(0.0, f64::max);
-        let mut problem =
-            Self {
-                records, free, nominal, simulations, offset_unit_m, z: z.clone(), scaled: Vec::new(), residuals: DVector::zeros(0)
-            };
+        let mut problem = Self {
+            records,
+            free,
+            nominal,
+            simulations,
+            offset_unit_m,
+            z: z.clone(),
+            scaled: Vec::new(),
+            residuals: DVector::zeros(0),
+        };
         problem.set_params(&z);
         problem
     }
@@ -97,7 +107,7 @@ impl<'a> Problem<'a> {
         z[self.own(index)] += offset_m / self.offset_unit_m;
     }
 
-    /// Residuals of the data rows in noise units.
+    /// Residuals of the data rows in the records' units.
     pub fn data_residuals(&self) -> DVector<f64> {
         self.residuals.rows(0, self.data_rows()).into_owned()
     }
@@ -122,10 +132,10 @@ impl<'a> Problem<'a> {
         predicted
     }
 
-    /// Prediction of the scored rows of log `index` in units of its noise.
+    /// Prediction of the scored rows of log `index` in its unit.
     fn scaled_log(&self, index: usize, z: &DVector<f64>) -> Vec<f64> {
         let record = &self.records[index];
-        self.prediction_m(index, z)[record.run_in..].iter().map(|p| p / record.noise_m).collect()
+        self.prediction_m(index, z)[record.run_in..].iter().map(|p| p / record.unit_m).collect()
     }
 
     /// Scored rows of log `index` within the rows of all logs.
@@ -147,7 +157,7 @@ impl<'a> Problem<'a> {
             let rows = self.rows_of(index);
             if j == own.start {
                 // The offset is known without simulating.
-                change[rows].fill(step * self.offset_unit_m / self.records[index].noise_m);
+                change[rows].fill(step * self.offset_unit_m / self.records[index].unit_m);
             } else {
                 let moved = self.scaled_log(index, &z);
                 for ((change, moved), at) in change[rows.clone()].iter_mut().zip(moved).zip(&self.scaled[rows]) {
@@ -165,11 +175,11 @@ impl<'a> Problem<'a> {
 
     /// Predicted minus measured in metres for log `index`, scored rows only.
     pub fn residual_m(&self, index: usize) -> Vec<f64> {
-        let noise_m = self.records[index].noise_m;
-        self.residuals.as_slice()[self.rows_of(index)].iter().map(|r| r * noise_m).collect()
+        let unit_m = self.records[index].unit_m;
+        self.residuals.as_slice()[self.rows_of(index)].iter().map(|r| r * unit_m).collect()
     }
 
-    /// Sum of squares of the data rows, in noise units.
+    /// Sum of squares of the data rows, in the records' units.
     pub fn data_cost(&self) -> f64 {
         self.residuals.rows(0, self.data_rows()).norm_squared()
     }
@@ -179,7 +189,7 @@ impl<'a> Problem<'a> {
         self.residuals.norm_squared()
     }
 
-    /// Data rows of the sensitivities by central differences: noise units per coordinate.
+    /// Data rows of the sensitivities by central differences: the records' units per coordinate.
     pub fn sensitivities(&self) -> DMatrix<f64> {
         let columns: Vec<Vec<f64>> = (0..self.z.len())
             .into_par_iter()
@@ -197,7 +207,7 @@ impl<'a> Problem<'a> {
         let hysterons = self.nominal.plant.hysterons.len();
         let mut sigma: Vec<f64> = self.free.iter().map(|f| f.prior_sigma).collect();
         for record in self.records {
-            sigma.push(10.0);
+            sigma.push(if record.offset_free { 10.0 } else { 1e-9 });
             sigma.extend(vec![1.0; record.start.count(hysterons)]);
         }
         DVector::from_vec(sigma)
@@ -205,7 +215,7 @@ impl<'a> Problem<'a> {
 }
 
 /// Spread of the scored measurement in metres.
-fn spread_m(record: &Record<'_>) -> f64 {
+pub(super) fn spread_m(record: &Record<'_>) -> f64 {
     let y = &record.log.displacement_m[record.run_in..record.rows];
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     (high - low).max(1e-9)
@@ -219,9 +229,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn set_params(&mut self, z: &DVector<f64>) {
         self.z.copy_from(z);
         self.scaled = (0..self.records.len()).flat_map(|index| self.scaled_log(index, z)).collect();
-        let measured = self.records.iter().flat_map(|record| {
-            record.log.displacement_m[record.run_in..record.rows].iter().map(|y| y / record.noise_m)
-        });
+        let measured = self
+            .records
+            .iter()
+            .flat_map(|record| record.log.displacement_m[record.run_in..record.rows].iter().map(|y| y / record.unit_m));
         let prior = self.z.component_div(&self.prior_sigma());
         let residuals = self.scaled.iter().zip(measured).map(|(p, y)| p - y).chain(prior.iter().copied()).collect();
         self.residuals = DVector::from_vec(residuals);

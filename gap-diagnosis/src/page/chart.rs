@@ -23,19 +23,12 @@ pub struct Axis {
 impl Axis {
     /// A linear axis.
     pub fn new(label: &str, unit: &str) -> Self {
-        Self {
-            label: label.to_owned(),
-            unit: unit.to_owned(),
-            log: false,
-        }
+        Self { label: label.to_owned(), unit: unit.to_owned(), log: false }
     }
 
     /// A logarithmic axis; values that are not positive are left out.
     pub fn log(label: &str, unit: &str) -> Self {
-        Self {
-            log: true,
-            ..Self::new(label, unit)
-        }
+        Self { log: true, ..Self::new(label, unit) }
     }
 
     /// As on paper: `displacement, µm`.
@@ -137,12 +130,7 @@ pub struct Chart {
 #[derive(Debug, Clone)]
 enum Content {
     /// Columns over a common ascending x.
-    Columns {
-        mark: Mark,
-        spacing: Spacing,
-        x: Vec<f64>,
-        curves: Vec<Curve>,
-    },
+    Columns { mark: Mark, spacing: Spacing, x: Vec<f64>, curves: Vec<Curve> },
     /// Each curve with its own x, in any order; NaN pairs lift the pen.
     Paths(Vec<(Vec<f64>, Curve)>),
 }
@@ -186,24 +174,9 @@ impl Chart {
     ///
     /// # Panics
     /// If a series is not as long as `time_s`; so do the other constructors.
-    pub fn over_time(
-        title: &str,
-        caption: &str,
-        time_s: &[f64],
-        y: Axis,
-        series: &[Series<'_>],
-    ) -> Self {
+    pub fn over_time(title: &str, caption: &str, time_s: &[f64], y: Axis, series: &[Series<'_>]) -> Self {
         let mark = Mark::Lines;
-        let mut chart = Self::columns(
-            title,
-            caption,
-            Axis::new("time", "s"),
-            time_s,
-            y,
-            series,
-            mark,
-            Spacing::Even,
-        );
+        let mut chart = Self::columns(title, caption, Axis::new("time", "s"), time_s, y, series, mark, Spacing::Even);
         chart.is_wide = true;
         chart
     }
@@ -212,39 +185,19 @@ impl Chart {
     ///
     /// They keep the same rows, so that at one cursor a residual reads as the difference of the two curves above it.
     pub fn linked_over_time(key: &str, time_s: &[f64], panels: &[Panel<'_>]) -> Vec<Self> {
-        let columns: Vec<&[f64]> = panels
-            .iter()
-            .flat_map(|panel| panel.series.iter().map(|series| series.values))
-            .collect();
-        let rows = if columns.is_empty() {
-            Vec::new()
-        } else {
-            decimate(&columns, N_POINTS, Spacing::Even)
-        };
+        let columns: Vec<&[f64]> =
+            panels.iter().flat_map(|panel| panel.series.iter().map(|series| series.values)).collect();
+        let rows = if columns.is_empty() { Vec::new() } else { decimate(&columns, N_POINTS, Spacing::Even) };
         let pick = |column: &[f64]| -> Vec<f64> { rows.iter().map(|&row| column[row]).collect() };
         let time_kept_s = pick(time_s);
         panels
             .iter()
             .enumerate()
             .map(|(panel_idx, panel)| {
-                let kept: Vec<Vec<f64>> = panel
-                    .series
-                    .iter()
-                    .map(|series| pick(series.values))
-                    .collect();
-                let series: Vec<Series<'_>> = panel
-                    .series
-                    .iter()
-                    .zip(&kept)
-                    .map(|(series, values)| Series { values, ..*series })
-                    .collect();
-                let mut chart = Self::over_time(
-                    panel.title,
-                    panel.caption,
-                    &time_kept_s,
-                    panel.y.clone(),
-                    &series,
-                );
+                let kept: Vec<Vec<f64>> = panel.series.iter().map(|series| pick(series.values)).collect();
+                let series: Vec<Series<'_>> =
+                    panel.series.iter().zip(&kept).map(|(series, values)| Series { values, ..*series }).collect();
+                let mut chart = Self::over_time(panel.title, panel.caption, &time_kept_s, panel.y.clone(), &series);
                 chart.n_samples = time_s.len();
                 chart.is_low = panel_idx > 0;
                 chart.linked(key)
@@ -259,13 +212,7 @@ impl Chart {
             .iter()
             .map(|run| {
                 n_samples = n_samples.max(run.x.len());
-                thinned_path(
-                    run.x,
-                    run.y,
-                    run.name,
-                    run.ink,
-                    N_PATH_POINTS / loops.len().max(1),
-                )
+                thinned_path(run.x, run.y, run.name, run.ink, N_PATH_POINTS / loops.len().max(1))
             })
             .collect();
         Self::new(title, caption, x, y, Content::Paths(paths), n_samples)
@@ -281,60 +228,20 @@ impl Chart {
         series: Series<'_>,
         band: f64,
     ) -> Self {
-        let mut chart = Self::columns(
-            title,
-            caption,
-            x,
-            x_values,
-            y,
-            &[series],
-            Mark::Bars,
-            Spacing::Even,
-        );
+        let mut chart = Self::columns(title, caption, x, x_values, y, &[series], Mark::Bars, Spacing::Even);
         chart.band = Some(band);
         chart
     }
 
     /// Lines over a logarithmic frequency axis. Make `y` logarithmic too for an amplitude spectrum.
-    pub fn spectrum(
-        title: &str,
-        caption: &str,
-        frequency_hz: &[f64],
-        y: Axis,
-        series: &[Series<'_>],
-    ) -> Self {
+    pub fn spectrum(title: &str, caption: &str, frequency_hz: &[f64], y: Axis, series: &[Series<'_>]) -> Self {
         let x = Axis::log("frequency", "Hz");
-        Self::columns(
-            title,
-            caption,
-            x,
-            frequency_hz,
-            y,
-            series,
-            Mark::Lines,
-            Spacing::Logarithmic,
-        )
+        Self::columns(title, caption, x, frequency_hz, y, series, Mark::Lines, Spacing::Logarithmic)
     }
 
     /// Separate marks over an ascending x, e.g. one per start of a fit.
-    pub fn points(
-        title: &str,
-        caption: &str,
-        x: Axis,
-        y: Axis,
-        x_values: &[f64],
-        series: &[Series<'_>],
-    ) -> Self {
-        Self::columns(
-            title,
-            caption,
-            x,
-            x_values,
-            y,
-            series,
-            Mark::Points,
-            Spacing::Even,
-        )
+    pub fn points(title: &str, caption: &str, x: Axis, y: Axis, x_values: &[f64], series: &[Series<'_>]) -> Self {
+        Self::columns(title, caption, x, x_values, y, series, Mark::Points, Spacing::Even)
     }
 
     /// Ties the x axis and the cursor to every other chart of the page with the same `key`: zoom one, zoom all.
@@ -355,14 +262,7 @@ impl Chart {
         self
     }
 
-    fn new(
-        title: &str,
-        caption: &str,
-        x: Axis,
-        y: Axis,
-        content: Content,
-        n_samples: usize,
-    ) -> Self {
+    fn new(title: &str, caption: &str, x: Axis, y: Axis, content: Content, n_samples: usize) -> Self {
         Self {
             title: title.to_owned(),
             caption: caption.to_owned(),
@@ -377,10 +277,7 @@ impl Chart {
         }
     }
 
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "the one place where every kind of column chart is put together"
-    )]
+    #[expect(clippy::too_many_arguments, reason = "the one place where every kind of column chart is put together")]
     fn columns(
         title: &str,
         caption: &str,
@@ -392,16 +289,12 @@ impl Chart {
         spacing: Spacing,
     ) -> Self {
         assert!(
-            series
-                .iter()
-                .all(|column| column.values.len() == x_values.len()),
+            series.iter().all(|column| column.values.len() == x_values.len()),
             "{title}: every series has one value per x"
         );
         // A logarithm has no place for zero (the constant term of a spectrum) nor for what is below it.
         let is_x_drawn = |value: f64| value.is_finite() && (!x.log || value > 0.0);
-        let rows: Vec<usize> = (0..x_values.len())
-            .filter(|&row| is_x_drawn(x_values[row]))
-            .collect();
+        let rows: Vec<usize> = (0..x_values.len()).filter(|&row| is_x_drawn(x_values[row])).collect();
         let is_y_drawn = |value: f64| value.is_finite() && (!y.log || value > 0.0);
         let curves: Vec<Curve> = series
             .iter()
@@ -410,13 +303,7 @@ impl Chart {
                 ink: column.ink,
                 values: rows
                     .iter()
-                    .map(|&row| {
-                        if is_y_drawn(column.values[row]) {
-                            column.values[row]
-                        } else {
-                            f64::NAN
-                        }
-                    })
+                    .map(|&row| if is_y_drawn(column.values[row]) { column.values[row] } else { f64::NAN })
                     .collect(),
             })
             .collect();
@@ -436,12 +323,7 @@ impl Chart {
             &self.content
         };
         match content {
-            Content::Columns {
-                mark: columns_mark,
-                x,
-                curves: columns,
-                ..
-            } => {
+            Content::Columns { mark: columns_mark, x, curves: columns, .. } => {
                 mark = *columns_mark;
                 // Ten digits of time: a microsecond in an hour.
                 let mut all = vec![x.iter().map(|&value| rounded(value, 10)).collect()];
@@ -464,13 +346,7 @@ impl Chart {
             y: &self.y,
             link: self.link.as_deref(),
             band: self.band.map(|band| rounded(band, 7)),
-            series: curves
-                .iter()
-                .map(|curve| Key {
-                    name: &curve.name,
-                    ink: curve.ink,
-                })
-                .collect(),
+            series: curves.iter().map(|curve| Key { name: &curve.name, ink: curve.ink }).collect(),
             data,
         };
         // serde_json writes NaN as null, which is what the script takes for a gap.
@@ -498,31 +374,18 @@ impl Chart {
             classes += " low";
         }
         let names: Vec<(&str, Ink)> = match &self.content {
-            Content::Columns { curves, .. } => curves
-                .iter()
-                .map(|curve| (curve.name.as_str(), curve.ink))
-                .collect(),
-            Content::Paths(paths) => paths
-                .iter()
-                .map(|(_, curve)| (curve.name.as_str(), curve.ink))
-                .collect(),
+            Content::Columns { curves, .. } => curves.iter().map(|curve| (curve.name.as_str(), curve.ink)).collect(),
+            Content::Paths(paths) => paths.iter().map(|(_, curve)| (curve.name.as_str(), curve.ink)).collect(),
         };
-        let mut keys = format!(
-            "<span class=\"key x\">{} <output></output></span>",
-            escape(&self.x.label)
-        );
+        let mut keys = format!("<span class=\"key x\">{} <output></output></span>", escape(&self.x.label));
         for (series_idx, (name, ink)) in names.iter().enumerate() {
             keys += &format!(
                 "<span class=\"key\"><button type=\"button\" aria-pressed=\"true\" data-series=\"{}\" title=\"show or hide\"><i class=\"swatch {}{}\"></i>{}</button> <output></output></span>",
                 series_idx + 1,
                 ink.class(),
                 match &self.content {
-                    Content::Columns {
-                        mark: Mark::Points, ..
-                    } if series_idx == 0 => " dot full",
-                    Content::Columns {
-                        mark: Mark::Points, ..
-                    } => " dot",
+                    Content::Columns { mark: Mark::Points, .. } if series_idx == 0 => " dot full",
+                    Content::Columns { mark: Mark::Points, .. } => " dot",
                     _ => "",
                 },
                 escape(name)
@@ -567,30 +430,23 @@ impl Content {
     fn n_drawn(&self) -> usize {
         match self {
             Self::Columns { x, .. } => x.len(),
-            Self::Paths(paths) => paths
-                .iter()
-                .map(|(x, _)| x.iter().filter(|value| value.is_finite()).count())
-                .max()
-                .unwrap_or(0),
+            Self::Paths(paths) => {
+                paths.iter().map(|(x, _)| x.iter().filter(|value| value.is_finite()).count()).max().unwrap_or(0)
+            }
         }
     }
 
     fn thinned(&self, divisor: usize) -> Self {
         match self {
-            Self::Columns {
-                mark,
-                spacing,
-                x,
-                curves,
-            } => thinned_columns(x, curves, *mark, *spacing, N_POINTS / divisor),
+            Self::Columns { mark, spacing, x, curves } => {
+                thinned_columns(x, curves, *mark, *spacing, N_POINTS / divisor)
+            }
             Self::Paths(paths) => {
                 let n_points = N_PATH_POINTS / paths.len().max(1) / divisor;
                 Self::Paths(
                     paths
                         .iter()
-                        .map(|(x, curve)| {
-                            thinned_path(x, &curve.values, &curve.name, curve.ink, n_points)
-                        })
+                        .map(|(x, curve)| thinned_path(x, &curve.values, &curve.name, curve.ink, n_points))
                         .collect(),
                 )
             }
@@ -598,13 +454,7 @@ impl Content {
     }
 }
 
-fn thinned_columns(
-    x: &[f64],
-    curves: &[Curve],
-    mark: Mark,
-    spacing: Spacing,
-    n_points: usize,
-) -> Content {
+fn thinned_columns(x: &[f64], curves: &[Curve], mark: Mark, spacing: Spacing, n_points: usize) -> Content {
     let columns: Vec<&[f64]> = curves.iter().map(|curve| curve.values.as_slice()).collect();
     let kept = decimate(&columns, n_points, spacing);
     let pick = |column: &[f64]| -> Vec<f64> { kept.iter().map(|&row| column[row]).collect() };
@@ -612,31 +462,15 @@ fn thinned_columns(
         mark,
         spacing,
         x: pick(x),
-        curves: curves
-            .iter()
-            .map(|curve| Curve {
-                values: pick(&curve.values),
-                ..curve.clone()
-            })
-            .collect(),
+        curves: curves.iter().map(|curve| Curve { values: pick(&curve.values), ..curve.clone() }).collect(),
     }
 }
 
 fn thinned_path(x: &[f64], y: &[f64], name: &str, ink: Ink, n_points: usize) -> (Vec<f64>, Curve) {
     let path = thin_path(x, y, n_points.max(500));
-    let pick = |column: &[f64]| -> Vec<f64> {
-        path.iter()
-            .map(|step| step.map_or(f64::NAN, |idx| column[idx]))
-            .collect()
-    };
-    (
-        pick(x),
-        Curve {
-            name: name.to_owned(),
-            ink,
-            values: pick(y),
-        },
-    )
+    let pick =
+        |column: &[f64]| -> Vec<f64> { path.iter().map(|step| step.map_or(f64::NAN, |idx| column[idx])).collect() };
+    (pick(x), Curve { name: name.to_owned(), ink, values: pick(y) })
 }
 
 fn single_precision(values: &[f64]) -> Vec<f64> {

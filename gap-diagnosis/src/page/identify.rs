@@ -79,10 +79,7 @@ pub struct IdentifyView<'a> {
 /// Lays out an [`IdentifyView`].
 pub fn identify_page(view: &IdentifyView<'_>) -> Page {
     let mut page = Page::new(view.title);
-    page.subtitle(view.subtitle)
-        .headline(view.headline)
-        .facts(view.metrics)
-        .provenance(view.provenance);
+    page.subtitle(view.subtitle).headline(view.headline).facts(view.metrics).provenance(view.provenance);
     for warning in view.warnings {
         page.warning(warning);
     }
@@ -108,41 +105,21 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
             ]
         })
         .collect();
-    page.table(
-        "How well each log is reproduced",
-        &["log", "samples", "rms residual", "fit"],
-        &rows,
-    );
+    page.table("How well each log is reproduced", &["log", "samples", "rms residual", "fit"], &rows);
     convergence(&mut page, view.starts);
 
     for (log_idx, log) in view.logs.iter().enumerate() {
         page.section(log.name);
         let link = format!("log {log_idx}");
-        overlay_and_residual(
-            &mut page,
-            &link,
-            log.time_s,
-            log.measured_um,
-            log.predicted_um,
-        );
+        overlay_and_residual(&mut page, &link, log.time_s, log.measured_um, log.predicted_um);
         page.chart(Chart::loops(
             "Hysteresis, measured and fitted",
             "The loops should coincide, the small ones inside too.",
             Axis::new("command", "V"),
             Axis::new("displacement", "µm"),
             &[
-                Loop {
-                    name: "measured",
-                    ink: Ink::Measured,
-                    x: log.command_v,
-                    y: log.measured_um,
-                },
-                Loop {
-                    name: "fitted",
-                    ink: Ink::Model,
-                    x: log.command_v,
-                    y: log.predicted_um,
-                },
+                Loop { name: "measured", ink: Ink::Measured, x: log.command_v, y: log.measured_um },
+                Loop { name: "fitted", ink: Ink::Model, x: log.command_v, y: log.predicted_um },
             ],
         ));
         autocorrelation(&mut page, log.time_s, log.autocorrelation, log.n_residuals);
@@ -151,15 +128,11 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
 }
 
 fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
-    let from_prior = match (
-        parameter.unseen,
-        parameter
-            .prior
-            .and_then(|prior| distance_in_sigma(parameter.value, prior)),
-    ) {
-        (None, Some(distance)) => format!("{distance:+.1} σ").replace('-', "−"),
-        _ => "–".to_owned(),
-    };
+    let from_prior =
+        match (parameter.unseen, parameter.prior.and_then(|prior| distance_in_sigma(parameter.value, prior))) {
+            (None, Some(distance)) => format!("{distance:+.1} σ").replace('-', "−"),
+            _ => "–".to_owned(),
+        };
     let remark = match parameter.unseen {
         Some(reason) => format!("not seen, kept at its prior: {reason}"),
         // Beyond three prior standard deviations the prior, the model or the log is wrong: a reader should ask which.
@@ -173,11 +146,7 @@ fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
         None if parameter.sigma.is_some_and(|sigma| sigma > 0.3) => "poorly seen".to_owned(),
         None => String::new(),
     };
-    let percent = |sigma: Option<f64>| {
-        sigma.map_or("–".to_owned(), |sigma| {
-            format!("± {}", percent_of_sigma(sigma))
-        })
-    };
+    let percent = |sigma: Option<f64>| sigma.map_or("–".to_owned(), |sigma| format!("± {}", percent_of_sigma(sigma)));
     vec![
         parameter.name.to_owned(),
         four_digits(parameter.value, parameter.unit),
@@ -193,11 +162,8 @@ fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
 /// How many prior standard deviations the fit moved. Positive parameters are fitted as logarithms, so a factor of two up and one
 /// down are the same distance.
 fn distance_in_sigma(value: f64, (prior, sigma): (f64, f64)) -> Option<f64> {
-    let distance = if value > 0.0 && prior > 0.0 {
-        (value / prior).ln() / sigma
-    } else {
-        (value - prior) / (prior.abs() * sigma)
-    };
+    let distance =
+        if value > 0.0 && prior > 0.0 { (value / prior).ln() / sigma } else { (value - prior) / (prior.abs() * sigma) };
     distance.is_finite().then_some(distance)
 }
 
@@ -210,17 +176,9 @@ fn convergence(page: &mut Page, starts: &[StartView]) {
     let rank: Vec<f64> = (1..=sorted.len()).map(|rank| rank as f64).collect();
     let initial_um: Vec<f64> = sorted.iter().map(|start| start.initial_rms_um).collect();
     let final_um: Vec<f64> = sorted.iter().map(|start| start.final_rms_um).collect();
-    let mut series = vec![Series {
-        name: "end of the search",
-        ink: Ink::Model,
-        values: &final_um,
-    }];
+    let mut series = vec![Series { name: "end of the search", ink: Ink::Model, values: &final_um }];
     if initial_um.iter().any(|value| value.is_finite()) {
-        series.push(Series {
-            name: "start",
-            ink: Ink::Other,
-            values: &initial_um,
-        });
+        series.push(Series { name: "start", ink: Ink::Other, values: &initial_um });
     }
     page.chart(Chart::points(
         "Convergence of the starts",
@@ -259,9 +217,6 @@ mod tests {
         });
         assert_eq!(row[2], "–");
         assert_eq!(row[4], "–");
-        assert_eq!(
-            row[5],
-            "not seen, kept at its prior: its dead zone never opens"
-        );
+        assert_eq!(row[5], "not seen, kept at its prior: its dead zone never opens");
     }
 }

@@ -110,13 +110,7 @@ impl Page {
         }
         let cards: String = facts
             .iter()
-            .map(|(label, value)| {
-                format!(
-                    "<div><dt>{}</dt><dd>{}</dd></div>",
-                    escape(label),
-                    escape(value)
-                )
-            })
+            .map(|(label, value)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(label), escape(value)))
             .collect();
         self.html(format!("<dl class=\"facts\">{cards}</dl>\n"))
     }
@@ -125,30 +119,17 @@ impl Page {
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<String>]) -> &mut Self {
         // Column by column, header included; dashes stand for missing numbers and have no say.
         let is_right = |column_idx: usize| {
-            let mut cells = rows
-                .iter()
-                .filter_map(|row| row.get(column_idx))
-                .filter(|cell| cell.as_str() != "–")
-                .peekable();
+            let mut cells =
+                rows.iter().filter_map(|row| row.get(column_idx)).filter(|cell| cell.as_str() != "–").peekable();
             cells.peek().is_some() && cells.all(|cell| starts_as_number(cell))
         };
         let class = |column_idx: usize| {
-            if is_right(column_idx) {
-                " class=\"number\""
-            } else {
-                ""
-            }
+            if is_right(column_idx) { " class=\"number\"" } else { "" }
         };
         let head: String = header
             .iter()
             .enumerate()
-            .map(|(column_idx, cell)| {
-                format!(
-                    "<th scope=\"col\"{}>{}</th>",
-                    class(column_idx),
-                    escape(cell)
-                )
-            })
+            .map(|(column_idx, cell)| format!("<th scope=\"col\"{}>{}</th>", class(column_idx), escape(cell)))
             .collect();
         let body: String = rows
             .iter()
@@ -176,22 +157,14 @@ impl Page {
     /// Parts that are not finite or not positive take no room in the bar but keep their line in the legend.
     pub fn bar(&mut self, caption: &str, unit: &str, shares: &[Share<'_>]) -> &mut Self {
         let length = |share: &Share<'_>| {
-            if share.value.is_finite() {
-                share.value.max(0.0)
-            } else {
-                0.0
-            }
+            if share.value.is_finite() { share.value.max(0.0) } else { 0.0 }
         };
         let total: f64 = shares.iter().map(length).sum();
         let mut at_percent = 0.0;
         let mut parts = String::new();
         let mut keys = String::new();
         for share in shares {
-            let percent = if total > 0.0 {
-                100.0 * length(share) / total
-            } else {
-                0.0
-            };
+            let percent = if total > 0.0 { 100.0 * length(share) / total } else { 0.0 };
             let ink = share.ink.class();
             parts += &format!(
                 "<rect class=\"{ink}\" x=\"{at_percent:.3}%\" y=\"0\" width=\"{percent:.3}%\" height=\"100%\"></rect>"
@@ -231,10 +204,7 @@ impl Page {
 
     /// The whole file.
     pub fn to_html(&self) -> String {
-        let has_charts = self
-            .blocks
-            .iter()
-            .any(|block| matches!(block, Block::Chart(_)));
+        let has_charts = self.blocks.iter().any(|block| matches!(block, Block::Chart(_)));
         let data = self.chart_data();
         let is_wide = self.widths();
         let mut body = String::new();
@@ -244,11 +214,7 @@ impl Page {
         for block in &self.blocks {
             let is_chart = matches!(block, Block::Chart(_));
             if is_chart != grid_open {
-                body += if is_chart {
-                    "<div class=\"charts\">\n"
-                } else {
-                    "</div>\n"
-                };
+                body += if is_chart { "<div class=\"charts\">\n" } else { "</div>\n" };
                 grid_open = is_chart;
             }
             match block {
@@ -272,11 +238,8 @@ impl Page {
             head += &format!("<p class=\"headline\">{}</p>\n", escape(&self.headline));
         }
         if !self.warnings.is_empty() {
-            let items: String = self
-                .warnings
-                .iter()
-                .map(|text| format!("<li><b>Warning:</b> {}</li>\n", escape(text)))
-                .collect();
+            let items: String =
+                self.warnings.iter().map(|text| format!("<li><b>Warning:</b> {}</li>\n", escape(text))).collect();
             head += &format!("<ul class=\"warnings\">\n{items}</ul>\n");
         }
         if has_charts {
@@ -288,10 +251,7 @@ impl Page {
             String::new()
         } else {
             let lines: Vec<String> = self.provenance.iter().map(|line| escape(line)).collect();
-            format!(
-                "<footer><h2>How this page was made</h2><pre>{}</pre></footer>\n",
-                lines.join("\n")
-            )
+            format!("<footer><h2>How this page was made</h2><pre>{}</pre></footer>\n", lines.join("\n"))
         };
 
         let nonce = nonce(&[&head, &body, &foot]);
@@ -315,20 +275,14 @@ impl Page {
     /// What the file system says; no partial file is left behind.
     pub fn save(&self, path: &Path) -> std::io::Result<()> {
         let name = path.file_name().ok_or_else(|| {
-            std::io::Error::new(
-                std::io::ErrorKind::InvalidInput,
-                format!("{} is not a file name", path.display()),
-            )
+            std::io::Error::new(std::io::ErrorKind::InvalidInput, format!("{} is not a file name", path.display()))
         })?;
         let mut temporary_name = std::ffi::OsString::from(".");
         temporary_name.push(name);
         temporary_name.push(format!(".{}.part", std::process::id()));
         let temporary = path.with_file_name(temporary_name);
         let written = std::fs::File::create(&temporary)
-            .and_then(|mut file| {
-                file.write_all(self.to_html().as_bytes())
-                    .and_then(|()| file.sync_all())
-            })
+            .and_then(|mut file| file.write_all(self.to_html().as_bytes()).and_then(|()| file.sync_all()))
             .and_then(|()| std::fs::rename(&temporary, path));
         if written.is_err() {
             // The first error is the one worth telling; a file that was never created cannot be removed either.
@@ -424,9 +378,7 @@ fn escape(text: &str) -> String {
 
 /// JSON that cannot end the script element it stands in: these letters occur in its strings only, where the escape means the same.
 fn escape_json(json: &str) -> String {
-    json.replace('<', "\\u003c")
-        .replace('>', "\\u003e")
-        .replace('&', "\\u0026")
+    json.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
 }
 
 fn starts_as_number(cell: &str) -> bool {
@@ -450,17 +402,11 @@ mod tests {
 
     #[test]
     fn hostile_text_stays_text() {
-        assert_eq!(
-            escape("<a b='c' d=\"e\">&"),
-            "&lt;a b=&#39;c&#39; d=&quot;e&quot;&gt;&amp;"
-        );
+        assert_eq!(escape("<a b='c' d=\"e\">&"), "&lt;a b=&#39;c&#39; d=&quot;e&quot;&gt;&amp;");
         assert_eq!(escape("x\u{202e}y\u{0}"), "x\u{fffd}y\u{fffd}");
         let json = escape_json(&serde_json::to_string("</script><!-- &").expect("a string"));
         assert!(!json.contains(['<', '>', '&']));
-        assert_eq!(
-            serde_json::from_str::<String>(&json).expect("valid JSON"),
-            "</script><!-- &"
-        );
+        assert_eq!(serde_json::from_str::<String>(&json).expect("valid JSON"), "</script><!-- &");
     }
 
     #[test]
@@ -477,19 +423,9 @@ mod tests {
     fn a_chart_without_a_neighbour_is_wide() {
         let half = || Chart::points("", "", Axis::new("", ""), Axis::new("", ""), &[], &[]);
         let mut page = Page::new("");
-        page.chart(half())
-            .chart(half())
-            .chart(half())
-            .chart(half().wide())
-            .chart(half());
-        page.section("next")
-            .chart(half())
-            .chart(half())
-            .section("end");
-        assert_eq!(
-            page.widths(),
-            [false, false, true, true, true, false, false]
-        );
+        page.chart(half()).chart(half()).chart(half()).chart(half().wide()).chart(half());
+        page.section("next").chart(half()).chart(half()).section("end");
+        assert_eq!(page.widths(), [false, false, true, true, true, false, false]);
     }
 
     #[test]

@@ -30,9 +30,7 @@ pub(super) fn rounded(value: f64, n_digits: usize) -> f64 {
     if !value.is_finite() {
         return f64::NAN;
     }
-    format!("{value:.*e}", n_digits - 1)
-        .parse()
-        .unwrap_or(f64::NAN)
+    format!("{value:.*e}", n_digits - 1).parse().unwrap_or(f64::NAN)
 }
 
 /// A count with its thousands set apart by thin spaces that do not break.
@@ -67,15 +65,7 @@ fn plain_or_scientific(value: f64, n_digits: usize) -> String {
 
 fn superscript(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    exponent
-        .to_string()
-        .chars()
-        .map(|letter| {
-            letter
-                .to_digit(10)
-                .map_or('⁻', |digit| DIGITS[digit as usize])
-        })
-        .collect()
+    exponent.to_string().chars().map(|letter| letter.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize])).collect()
 }
 
 #[cfg(test)]

@@ -47,20 +47,11 @@ pub struct SpectrumView<'a> {
 /// Lays out a [`ReplayView`].
 pub fn replay_page(view: &ReplayView<'_>) -> Page {
     let mut page = Page::new(view.title);
-    page.subtitle(view.subtitle)
-        .headline(view.headline)
-        .facts(view.metrics)
-        .provenance(view.provenance);
+    page.subtitle(view.subtitle).headline(view.headline).facts(view.metrics).provenance(view.provenance);
     for warning in view.warnings {
         page.warning(warning);
     }
-    overlay_and_residual(
-        &mut page,
-        "log",
-        view.time_s,
-        view.measured_um,
-        view.predicted_um,
-    );
+    overlay_and_residual(&mut page, "log", view.time_s, view.measured_um, view.predicted_um);
     page.chart(Chart::loops(
         "Hysteresis, measured and predicted",
         "The loops should coincide: another width is a dissipation the model lacks, another slope a gain, a shift an offset.",
@@ -71,26 +62,13 @@ pub fn replay_page(view: &ReplayView<'_>) -> Page {
             Loop { name: "predicted", ink: Ink::Model, x: view.command_v, y: view.predicted_um },
         ],
     ));
-    autocorrelation(
-        &mut page,
-        view.time_s,
-        view.autocorrelation,
-        view.n_residuals,
-    );
+    autocorrelation(&mut page, view.time_s, view.autocorrelation, view.n_residuals);
     if let Some(spectrum) = &view.spectrum {
         let mut series = vec![];
         if let Some(values) = spectrum.measured_um_per_sqrt_hz {
-            series.push(Series {
-                name: "measured displacement",
-                ink: Ink::Measured,
-                values,
-            });
+            series.push(Series { name: "measured displacement", ink: Ink::Measured, values });
         }
-        series.push(Series {
-            name: "residual",
-            ink: Ink::Error,
-            values: spectrum.residual_um_per_sqrt_hz,
-        });
+        series.push(Series { name: "residual", ink: Ink::Error, values: spectrum.residual_um_per_sqrt_hz });
         page.chart(
             Chart::spectrum(
                 "Spectrum of the residual",
@@ -113,50 +91,30 @@ pub(super) fn overlay_and_residual(
     measured_um: &[f64],
     predicted_um: &[f64],
 ) {
-    let residual_um: Vec<f64> = measured_um
-        .iter()
-        .zip(predicted_um)
-        .map(|(measured, predicted)| measured - predicted)
-        .collect();
+    let residual_um: Vec<f64> =
+        measured_um.iter().zip(predicted_um).map(|(measured, predicted)| measured - predicted).collect();
     let panels = [
         Panel {
             title: "Measured and predicted",
             caption: "The thin line is the model, the broad one the bench; zoom in where they part.",
             y: Axis::new("displacement", "µm"),
             series: vec![
-                Series {
-                    name: "measured",
-                    ink: Ink::Measured,
-                    values: measured_um,
-                },
-                Series {
-                    name: "predicted",
-                    ink: Ink::Model,
-                    values: predicted_um,
-                },
+                Series { name: "measured", ink: Ink::Measured, values: measured_um },
+                Series { name: "predicted", ink: Ink::Model, values: predicted_um },
             ],
         },
         Panel {
             title: "Residual",
             caption: "Measured minus predicted: even noise is all a model can leave; steps, slopes or waves are something it lacks.",
             y: Axis::new("residual", "µm"),
-            series: vec![Series {
-                name: "residual",
-                ink: Ink::Error,
-                values: &residual_um,
-            }],
+            series: vec![Series { name: "residual", ink: Ink::Error, values: &residual_um }],
         },
     ];
     page.charts(Chart::linked_over_time(link, time_s, &panels));
 }
 
 /// The whiteness test. Lag 0 is one by definition and left out, so that the others can be seen.
-pub(super) fn autocorrelation(
-    page: &mut Page,
-    time_s: &[f64],
-    correlation: &[f64],
-    n_residuals: usize,
-) {
+pub(super) fn autocorrelation(page: &mut Page, time_s: &[f64], correlation: &[f64], n_residuals: usize) {
     if correlation.len() < 2 || n_residuals == 0 {
         return;
     }
@@ -164,14 +122,9 @@ pub(super) fn autocorrelation(
         [first, .., last] => 1e3 * (last - first) / (time_s.len() - 1) as f64,
         _ => f64::NAN,
     };
-    let (axis, step) = if period_ms > 0.0 {
-        (Axis::new("lag", "ms"), period_ms)
-    } else {
-        (Axis::new("lag", "samples"), 1.0)
-    };
-    let lags: Vec<f64> = (1..correlation.len())
-        .map(|lag_idx| lag_idx as f64 * step)
-        .collect();
+    let (axis, step) =
+        if period_ms > 0.0 { (Axis::new("lag", "ms"), period_ms) } else { (Axis::new("lag", "samples"), 1.0) };
+    let lags: Vec<f64> = (1..correlation.len()).map(|lag_idx| lag_idx as f64 * step).collect();
     page.chart(Chart::bars_with_band(
         "Autocorrelation of the residual",
         "White noise keeps 99 % of the bars inside the grey region; a slow decay or a wave outside it is structure the model lacks.",

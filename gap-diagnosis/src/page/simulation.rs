@@ -32,36 +32,22 @@ pub struct SimulationView<'a> {
 /// Lays out a [`SimulationView`].
 pub fn simulation_page(view: &SimulationView<'_>) -> Page {
     let mut page = Page::new(view.title);
-    page.subtitle(view.subtitle)
-        .headline(view.headline)
-        .facts(view.metrics)
-        .provenance(view.provenance);
+    page.subtitle(view.subtitle).headline(view.headline).facts(view.metrics).provenance(view.provenance);
     for warning in view.warnings {
         page.warning(warning);
     }
 
     let micrometres = || Axis::new("displacement", "µm");
-    let displacement = Series {
-        name: "displacement",
-        ink: Ink::Model,
-        values: view.displacement_um,
-    };
+    let displacement = Series { name: "displacement", ink: Ink::Model, values: view.displacement_um };
     let mut panels = Vec::new();
     let difference_um: Vec<f64>;
     if let Some(reference_um) = view.reference_um {
-        let reference = Series {
-            name: "reference",
-            ink: Ink::Reference,
-            values: reference_um,
-        };
+        let reference = Series { name: "reference", ink: Ink::Reference, values: reference_um };
         let error_um = match view.error_um {
             Some(error_um) => error_um,
             None => {
-                difference_um = reference_um
-                    .iter()
-                    .zip(view.displacement_um)
-                    .map(|(asked, done)| asked - done)
-                    .collect();
+                difference_um =
+                    reference_um.iter().zip(view.displacement_um).map(|(asked, done)| asked - done).collect();
                 &difference_um
             }
         };
@@ -89,20 +75,11 @@ pub fn simulation_page(view: &SimulationView<'_>) -> Page {
         title: "Drive",
         caption: "Command to the amplifier: flat tops mean that a limit was reached.",
         y: Axis::new("command", "V"),
-        series: vec![Series {
-            name: "command",
-            ink: Ink::Drive,
-            values: view.command_v,
-        }],
+        series: vec![Series { name: "command", ink: Ink::Drive, values: view.command_v }],
     });
     page.charts(Chart::linked_over_time("time", view.time_s, &panels));
 
-    let path = |name, x| Loop {
-        name,
-        ink: Ink::Model,
-        x,
-        y: view.displacement_um,
-    };
+    let path = |name, x| Loop { name, ink: Ink::Model, x, y: view.displacement_um };
     if let Some(reference_um) = view.reference_um {
         page.chart(Chart::loops(
             "Displacement over reference",

@@ -20,27 +20,20 @@ pub enum Spacing {
 /// If the columns differ in length.
 pub fn decimate(columns: &[&[f64]], n_points: usize, spacing: Spacing) -> Vec<usize> {
     let n_rows = columns.first().map_or(0, |column| column.len());
-    assert!(
-        columns.iter().all(|column| column.len() == n_rows),
-        "columns of one chart have the same number of rows"
-    );
+    assert!(columns.iter().all(|column| column.len() == n_rows), "columns of one chart have the same number of rows");
     let n_points = n_points.max(16);
     if n_rows <= n_points {
         return (0..n_rows).collect();
     }
 
-    let has_gap = columns
-        .iter()
-        .any(|column| column.iter().any(|value| !value.is_finite()));
+    let has_gap = columns.iter().any(|column| column.iter().any(|value| !value.is_finite()));
     let kept_per_bucket = columns.len() * if has_gap { 3 } else { 2 };
     let n_buckets = ((n_points - 2) / kept_per_bucket).max(1);
     let edge = |bucket_idx: usize| -> usize {
         let fraction = bucket_idx as f64 / n_buckets as f64;
         match spacing {
             Spacing::Even => (n_rows as f64 * fraction).round() as usize,
-            Spacing::Logarithmic => {
-                (n_rows as f64).powf(fraction).round() as usize - usize::from(bucket_idx == 0)
-            }
+            Spacing::Logarithmic => (n_rows as f64).powf(fraction).round() as usize - usize::from(bucket_idx == 0),
         }
     };
 
@@ -121,12 +114,7 @@ fn ink_once(x: &[f64], y: &[f64], n_cells: usize, thinning: bool) -> Vec<Option<
         let width = (high - low).max(f64::MIN_POSITIVE);
         ((value - low) / width * (n_cells - 1) as f64).round() as i64
     };
-    let cell = |idx: usize| {
-        (
-            cell_of(x[idx], x[left], x[right]),
-            cell_of(y[idx], y[bottom], y[top]),
-        )
-    };
+    let cell = |idx: usize| (cell_of(x[idx], x[left], x[right]), cell_of(y[idx], y[bottom], y[top]));
 
     let mut inked = vec![false; n_cells * n_cells];
     let mut path: Vec<Option<usize>> = Vec::new();
@@ -178,8 +166,7 @@ fn ink_line(inked: &mut [bool], n_cells: usize, from: (i64, i64), to: (i64, i64)
     let n_steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).max(1);
     let mut is_new = false;
     for step in 0..=n_steps {
-        let along =
-            |a: i64, b: i64| a + ((b - a) * step + (b - a).signum() * n_steps / 2) / n_steps;
+        let along = |a: i64, b: i64| a + ((b - a) * step + (b - a).signum() * n_steps / 2) / n_steps;
         let (column, row) = (along(from.0, to.0), along(from.1, to.1));
         let place = row as usize * n_cells + column as usize;
         is_new |= !inked[place];
@@ -206,11 +193,7 @@ mod tests {
         first[2_999_998] = -9.0;
         second[77_777] = 1e-3;
         let kept = decimate(&[&first, &second], 4000, Spacing::Even);
-        assert!(
-            is_ascending(&kept) && kept.len() <= 4000 && kept.len() > 1500,
-            "{}",
-            kept.len()
-        );
+        assert!(is_ascending(&kept) && kept.len() <= 4000 && kept.len() > 1500, "{}", kept.len());
         for idx in [0, 77_777, 1_234_567, 2_999_998, 2_999_999] {
             assert!(kept.contains(&idx), "{idx}");
         }
@@ -219,9 +202,7 @@ mod tests {
     #[test]
     fn every_bucket_keeps_its_own_extremes() {
         // A fast square wave: the envelope must stay full everywhere, not only at the global peak.
-        let wave: Vec<f64> = (0..100_000)
-            .map(|k| if k % 7 < 3 { 1.0 } else { -1.0 })
-            .collect();
+        let wave: Vec<f64> = (0..100_000).map(|k| if k % 7 < 3 { 1.0 } else { -1.0 }).collect();
         let kept = decimate(&[&wave], 1000, Spacing::Even);
         for pair in kept[2..kept.len() - 2].chunks_exact(2) {
             assert!(wave[pair[0]] != wave[pair[1]]);
@@ -283,28 +264,18 @@ mod tests {
     fn paths_with_gaps_constants_and_nothing() {
         assert!(thin_path(&[], &[], 100).is_empty());
         assert!(thin_path(&[f64::NAN; 9], &[1.0; 9], 100).is_empty());
-        assert_eq!(
-            thin_path(&[2.0; 3], &[5.0; 3], 100),
-            vec![Some(0), Some(1), Some(2)]
-        );
+        assert_eq!(thin_path(&[2.0; 3], &[5.0; 3], 100), vec![Some(0), Some(1), Some(2)]);
         let constant = thin_path(&vec![2.0; 5000], &vec![5.0; 5000], 100);
         assert_eq!(constant, vec![Some(0)]);
         let x = [0.0, 1.0, f64::NAN, 2.0, 3.0];
-        assert_eq!(
-            thin_path(&x, &x, 100),
-            vec![Some(0), Some(1), None, Some(3), Some(4)]
-        );
+        assert_eq!(thin_path(&x, &x, 100), vec![Some(0), Some(1), None, Some(3), Some(4)]);
     }
 
     #[test]
     fn noise_stays_within_the_budget() {
         // A cheap generator (Weyl sequence) is noise enough to fill the plane.
-        let x: Vec<f64> = (0..400_000)
-            .map(|k| (f64::from(k) * 0.618_034).fract())
-            .collect();
-        let y: Vec<f64> = (0..400_000)
-            .map(|k| (f64::from(k) * 0.414_213_56).fract())
-            .collect();
+        let x: Vec<f64> = (0..400_000).map(|k| (f64::from(k) * 0.618_034).fract()).collect();
+        let y: Vec<f64> = (0..400_000).map(|k| (f64::from(k) * 0.414_213_56).fract()).collect();
         assert!(thin_path(&x, &y, 6000).len() <= 6000);
     }
 }

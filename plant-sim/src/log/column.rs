@@ -114,11 +114,7 @@ impl Column {
             Self::Current => "A",
             Self::Temperature | Self::LimitedBy | Self::Seq => return 0,
         };
-        let Some(prefix) = name
-            .trim()
-            .rsplit_once('_')
-            .and_then(|(_, unit)| unit.strip_suffix(symbol))
-        else {
+        let Some(prefix) = name.trim().rsplit_once('_').and_then(|(_, unit)| unit.strip_suffix(symbol)) else {
             return self.file_exponent();
         };
         match prefix {
@@ -230,19 +226,11 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
     for (key, &value) in &options.scale {
         // A negative scale turns a sensor round, which is legitimate; zero loses the data.
         if !value.is_finite() || value == 0.0 {
-            return Err(LogError::BadOption {
-                option: format!("--scale {key}"),
-                value,
-                expected: "other than zero",
-            });
+            return Err(LogError::BadOption { option: format!("--scale {key}"), value, expected: "other than zero" });
         }
     }
     if let Some(value) = options.rate_hz.filter(|&rate_hz| !is_rate(rate_hz)) {
-        return Err(LogError::BadOption {
-            option: "--rate".into(),
-            value,
-            expected: "above zero",
-        });
+        return Err(LogError::BadOption { option: "--rate".into(), value, expected: "above zero" });
     }
     Ok(ALL[..N_READ]
         .iter()
@@ -251,10 +239,7 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
             let mapped = options.columns.get(column.key());
             Wanted {
                 column,
-                name: mapped.map_or_else(
-                    || column.file_name().to_owned(),
-                    |name| name.trim().to_owned(),
-                ),
+                name: mapped.map_or_else(|| column.file_name().to_owned(), |name| name.trim().to_owned()),
                 mapped: mapped.is_some(),
             }
         })
@@ -270,10 +255,8 @@ fn check_keys<T>(option: &'static str, map: &BTreeMap<String, T>) -> Result<(), 
     let keys = || ALL[..N_READ].iter().map(|column| column.key());
     match map.keys().find(|&key| keys().all(|known| known != key)) {
         None => Ok(()),
-        Some(key) => Err(LogError::UnknownKey {
-            option,
-            key: key.clone(),
-            known: keys().collect::<Vec<_>>().join(", "),
-        }),
+        Some(key) => {
+            Err(LogError::UnknownKey { option, key: key.clone(), known: keys().collect::<Vec<_>>().join(", ") })
+        }
     }
 }

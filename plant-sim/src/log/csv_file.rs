@@ -34,9 +34,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
     let mut line = 0;
     let header = loop {
         let Some(text) = next_line(path, &mut lines)? else {
-            return Err(LogError::Empty {
-                path: path.to_path_buf(),
-            });
+            return Err(LogError::Empty { path: path.to_path_buf() });
         };
         line += 1;
         match text.strip_prefix('#') {
@@ -53,21 +51,13 @@ pub(crate) fn open<R: Read + Send + 'static>(
     let separator = separator_of(&header);
     let names = split_header(&header, separator);
     if names.iter().all(|name| name.parse::<f64>().is_ok()) {
-        return Err(LogError::NoHeader {
-            path: path.to_path_buf(),
-            line,
-            text: excerpt(header.trim()),
-        });
+        return Err(LogError::NoHeader { path: path.to_path_buf(), line, text: excerpt(header.trim()) });
     }
 
     let mut fields = Vec::new();
     let mut has = [false; N_READ];
     for want in wanted {
-        let mut hits = names
-            .iter()
-            .enumerate()
-            .filter(|(_, name)| **name == want.name)
-            .map(|(idx, _)| idx);
+        let mut hits = names.iter().enumerate().filter(|(_, name)| **name == want.name).map(|(idx, _)| idx);
         let Some(idx) = hits.next() else {
             if want.is_required() {
                 return Err(LogError::MissingColumn {
@@ -157,10 +147,7 @@ struct CsvRows<R> {
 impl<R: Read + Send> Source for CsvRows<R> {
     fn next_row(&mut self) -> Result<Option<RawRow>, LogError> {
         let line = loop {
-            let more = self
-                .rows
-                .read_byte_record(&mut self.record)
-                .map_err(|error| from_csv(&self.path, error))?;
+            let more = self.rows.read_byte_record(&mut self.record).map_err(|error| from_csv(&self.path, error))?;
             if !more {
                 return Ok(None);
             }
@@ -176,25 +163,14 @@ impl<R: Read + Send> Source for CsvRows<R> {
         let found = self.record.len();
         // One separator too many at the end of every line is common and harmless; a missing cell is not.
         let extra = found.checked_sub(self.n_fields);
-        let trailing = extra == Some(1)
-            && self
-                .record
-                .get(found - 1)
-                .is_some_and(|cell| cell.trim_ascii().is_empty());
+        let trailing = extra == Some(1) && self.record.get(found - 1).is_some_and(|cell| cell.trim_ascii().is_empty());
         if extra != Some(0) && !trailing && self.blank_line.is_none() {
-            return Err(LogError::RaggedRow {
-                path: self.path.clone(),
-                line,
-                found,
-                expected: self.n_fields,
-            });
+            return Err(LogError::RaggedRow { path: self.path.clone(), line, found, expected: self.n_fields });
         }
         let mut row = RawRow {
             place: Place::Line(line),
             values: [0.0; N_READ],
-            print: TimePrint::Binary {
-                epsilon: f64::EPSILON,
-            },
+            print: TimePrint::Binary { epsilon: f64::EPSILON },
         };
         for field in &self.fields {
             let cell = match self.blank_line {
@@ -223,9 +199,7 @@ impl<R: Read + Send> Source for CsvRows<R> {
                 row.print = match field.scale {
                     Scale::Power(exponent) => TimePrint::of_text(text, exponent),
                     // The unit is no power of ten: its logarithm, rounded up, is coarse enough.
-                    Scale::Factor(factor) => {
-                        TimePrint::of_text(text, factor.abs().log10().ceil() as i32)
-                    }
+                    Scale::Factor(factor) => TimePrint::of_text(text, factor.abs().log10().ceil() as i32),
                 };
             }
             row.values[field.column.idx()] = value;
@@ -237,15 +211,12 @@ impl<R: Read + Send> Source for CsvRows<R> {
 /// A cell without the spaces and quotes around it.
 fn bare(cell: &[u8]) -> &[u8] {
     let cell = cell.trim_ascii();
-    cell.strip_prefix(b"\"")
-        .and_then(|cell| cell.strip_suffix(b"\""))
-        .map_or(cell, <[u8]>::trim_ascii)
+    cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\"")).map_or(cell, <[u8]>::trim_ascii)
 }
 
 /// Whether a line holds nothing but spaces and separators.
 fn is_blank(line: &str) -> bool {
-    line.chars()
-        .all(|c| c.is_whitespace() || c == ',' || c == ';')
+    line.chars().all(|c| c.is_whitespace() || c == ',' || c == ';')
 }
 
 /// The comma, unless the header has none and does have another separator.
@@ -278,11 +249,7 @@ fn split_header(header: &str, separator: u8) -> Vec<String> {
 
 /// The names of the columns for a message, the first twenty of them.
 pub(crate) fn excerpt_list<S: AsRef<str>>(names: &[S]) -> String {
-    let mut list: Vec<String> = names
-        .iter()
-        .take(20)
-        .map(|name| excerpt(name.as_ref()))
-        .collect();
+    let mut list: Vec<String> = names.iter().take(20).map(|name| excerpt(name.as_ref())).collect();
     if names.len() > 20 {
         list.push(format!("... ({} in all)", names.len()));
     }
@@ -295,14 +262,9 @@ pub(crate) fn excerpt_list<S: AsRef<str>>(names: &[S]) -> String {
 /// The next line without its end, `None` at the end of the file.
 ///
 /// UTF-8, or Latin-1 where it is not that: old loggers write a micro sign as one byte.
-fn next_line<R: Read>(
-    path: &Path,
-    lines: &mut BufReader<Lines<R>>,
-) -> Result<Option<String>, LogError> {
+fn next_line<R: Read>(path: &Path, lines: &mut BufReader<Lines<R>>) -> Result<Option<String>, LogError> {
     let mut bytes = Vec::new();
-    lines
-        .read_until(b'\n', &mut bytes)
-        .map_err(|error| from_io(path, error))?;
+    lines.read_until(b'\n', &mut bytes).map_err(|error| from_io(path, error))?;
     if bytes.is_empty() {
         return Ok(None);
     }
@@ -311,11 +273,7 @@ fn next_line<R: Read>(
     }
     Ok(Some(match String::from_utf8(bytes) {
         Ok(text) => text,
-        Err(error) => error
-            .as_bytes()
-            .iter()
-            .map(|&byte| char::from(byte))
-            .collect(),
+        Err(error) => error.as_bytes().iter().map(|&byte| char::from(byte)).collect(),
     }))
 }
 
@@ -328,15 +286,8 @@ fn from_csv(path: &Path, error: csv::Error) -> LogError {
 }
 
 fn from_io(path: &Path, error: io::Error) -> LogError {
-    match error
-        .get_ref()
-        .and_then(|inner| inner.downcast_ref::<NotText>())
-    {
-        Some(fault) => LogError::NotText {
-            path: path.to_path_buf(),
-            what: fault.what,
-            offset: fault.offset,
-        },
+    match error.get_ref().and_then(|inner| inner.downcast_ref::<NotText>()) {
+        Some(fault) => LogError::NotText { path: path.to_path_buf(), what: fault.what, offset: fault.offset },
         None => LogError::from_read(path, error),
     }
 }
@@ -363,16 +314,7 @@ struct Lines<R> {
 
 impl<R: Read> Lines<R> {
     fn new(inner: R) -> Self {
-        Self {
-            inner,
-            raw: Vec::new(),
-            at: 0,
-            offset: 0,
-            line_bytes: 0,
-            after_cr: false,
-            ended: false,
-            fault: None,
-        }
+        Self { inner, raw: Vec::new(), at: 0, offset: 0, line_bytes: 0, after_cr: false, ended: false, fault: None }
     }
 
     /// Reads the next piece. At the start of the file it is at least as long as a byte order mark.
@@ -398,10 +340,7 @@ impl<R: Read> Lines<R> {
                 self.at = 3;
                 self.offset = 3;
             } else if self.raw.starts_with(b"\xff\xfe") || self.raw.starts_with(b"\xfe\xff") {
-                self.fault = Some(NotText {
-                    what: "UTF-16, save it as UTF-8",
-                    offset: 0,
-                });
+                self.fault = Some(NotText { what: "UTF-16, save it as UTF-8", offset: 0 });
             }
         }
         Ok(())
@@ -453,10 +392,7 @@ impl<R: Read> Read for Lines<R> {
                             }
                         };
                         // What came before is still delivered, so that an error in it is found first.
-                        self.fault = Some(NotText {
-                            what,
-                            offset: self.offset - 1,
-                        });
+                        self.fault = Some(NotText { what, offset: self.offset - 1 });
                         self.at = self.raw.len();
                         continue;
                     }

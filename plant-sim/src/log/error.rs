@@ -335,10 +335,7 @@ pub enum LogError {
 impl LogError {
     /// Whether the call is at fault (exit code 2) and not a file (exit code 3).
     pub fn is_wrong_call(&self) -> bool {
-        matches!(
-            self,
-            Self::UnknownKey { .. } | Self::BadOption { .. } | Self::UnknownKind { .. }
-        )
+        matches!(self, Self::UnknownKey { .. } | Self::BadOption { .. } | Self::UnknownKind { .. })
     }
 
     /// Turns what the operating system said on opening or reading `path` into the line a user can act on.
@@ -357,11 +354,7 @@ impl LogError {
 fn number_advice(text: &str) -> &'static str {
     if text.is_empty() {
         "the cell is empty: fill it or cut the log there"
-    } else if text.contains(',')
-        && text
-            .chars()
-            .all(|c| c.is_ascii_digit() || "+-,.eE".contains(c))
-    {
+    } else if text.contains(',') && text.chars().all(|c| c.is_ascii_digit() || "+-,.eE".contains(c)) {
         "write decimal points, not commas"
     } else {
         "correct the cell or cut the log there"

@@ -42,12 +42,7 @@ impl TimePrint {
                 digits += i32::from(digits > 0 || byte != b'0');
             }
         }
-        Self::Text {
-            decimals: decimals
-                .saturating_sub(printed_exponent)
-                .saturating_sub(exponent),
-            digits,
-        }
+        Self::Text { decimals: decimals.saturating_sub(printed_exponent).saturating_sub(exponent), digits }
     }
 }
 
@@ -83,8 +78,7 @@ impl Grid {
         let coarse = median_s <= 0.0;
         let nominal_s = if coarse { mean_s } else { median_s };
         // An interval that is not a normal number, or that the time cannot resolve, is no interval.
-        if !(nominal_s.is_normal() && nominal_s > 0.0 && super::column::is_rate(nominal_s.recip()))
-        {
+        if !(nominal_s.is_normal() && nominal_s > 0.0 && super::column::is_rate(nominal_s.recip())) {
             return None;
         }
         let mut grid = Self {
@@ -125,11 +119,8 @@ impl Grid {
             return 0.0;
         }
         let of_decimals = -self.max_decimals;
-        let of_digits = if time_s == 0.0 {
-            i32::MIN
-        } else {
-            time_s.abs().log10().floor() as i32 + 1 - self.max_digits
-        };
+        let of_digits =
+            if time_s == 0.0 { i32::MIN } else { time_s.abs().log10().floor() as i32 + 1 - self.max_digits };
         0.5 * 10f64.powi(of_decimals.max(of_digits))
     }
 
@@ -137,13 +128,7 @@ impl Grid {
     ///
     /// # Errors
     /// [`LogError::TimeNotIncreasing`], [`LogError::LostRows`] or [`LogError::NotUniform`].
-    pub(crate) fn push(
-        &mut self,
-        path: &Path,
-        place: Place,
-        time_s: f64,
-        print: TimePrint,
-    ) -> Result<(), LogError> {
+    pub(crate) fn push(&mut self, path: &Path, place: Place, time_s: f64, print: TimePrint) -> Result<(), LogError> {
         self.observe(print);
         let k = self.n;
         self.n += 1;
@@ -159,23 +144,12 @@ impl Grid {
 
         let coarse = self.coarse || (!exact && rounding_s >= self.nominal_s);
         if step_s < 0.0 || (step_s == 0.0 && !coarse) {
-            return Err(LogError::TimeNotIncreasing {
-                path: path.to_path_buf(),
-                place,
-                from_s,
-                to_s: time_s,
-            });
+            return Err(LogError::TimeNotIncreasing { path: path.to_path_buf(), place, from_s, to_s: time_s });
         }
-        let slack_s = if exact {
-            0.0
-        } else {
-            2.0 * self.half_unit_s(time_s)
-        };
+        let slack_s = if exact { 0.0 } else { 2.0 * self.half_unit_s(time_s) };
         if step_s > 1.5 * self.nominal_s + slack_s {
             // A jump of 10^19 samples is not a number of rows any more, but `as` saturates.
-            let n_missing = ((step_s / self.nominal_s).round() as u64)
-                .saturating_sub(1)
-                .max(1);
+            let n_missing = ((step_s / self.nominal_s).round() as u64).saturating_sub(1).max(1);
             return Err(LogError::LostRows {
                 path: path.to_path_buf(),
                 place,
@@ -188,10 +162,7 @@ impl Grid {
         let samples = k as f64;
         let elapsed_s = time_s - self.first_s;
         let narrowed = |(low, high): (f64, f64), tolerance_s: f64| {
-            (
-                low.max((elapsed_s - tolerance_s) / samples),
-                high.min((elapsed_s + tolerance_s) / samples),
-            )
+            (low.max((elapsed_s - tolerance_s) / samples), high.min((elapsed_s + tolerance_s) / samples))
         };
         let tolerance_s = JITTER_SAMPLES * self.nominal_s + ulps_s;
         if exact {
@@ -201,11 +172,7 @@ impl Grid {
         self.rounded_s = narrowed(before_s, tolerance_s + rounding_s);
         if self.rounded_s.0 > self.rounded_s.1 {
             // At the first row there is no grid yet but the usual step.
-            let interval_s = if before_s.1.is_finite() {
-                0.5 * (before_s.0 + before_s.1)
-            } else {
-                self.nominal_s
-            };
+            let interval_s = if before_s.1.is_finite() { 0.5 * (before_s.0 + before_s.1) } else { self.nominal_s };
             return Err(LogError::NotUniform {
                 path: path.to_path_buf(),
                 place,
@@ -218,11 +185,7 @@ impl Grid {
 
     /// The interval: `1 / rate_hz` where every row agrees with that rate, else from the first and the last time.
     pub(crate) fn interval_s(&self, rate_hz: Option<f64>) -> f64 {
-        let (low_s, high_s) = if self.exact_s.0 <= self.exact_s.1 {
-            self.exact_s
-        } else {
-            self.rounded_s
-        };
+        let (low_s, high_s) = if self.exact_s.0 <= self.exact_s.1 { self.exact_s } else { self.rounded_s };
         match rate_hz.map(f64::recip) {
             Some(interval_s) if low_s <= interval_s && interval_s <= high_s => interval_s,
             _ if self.n > 1 => (self.last_s - self.first_s) / (self.n - 1) as f64,
@@ -237,10 +200,8 @@ mod tests {
 
     /// Pushes times printed by `print`, as the reader would.
     fn check(texts: &[String]) -> Result<Grid, LogError> {
-        let rows: Vec<(f64, TimePrint)> = texts
-            .iter()
-            .map(|text| (text.parse().expect("a number"), TimePrint::of_text(text, 0)))
-            .collect();
+        let rows: Vec<(f64, TimePrint)> =
+            texts.iter().map(|text| (text.parse().expect("a number"), TimePrint::of_text(text, 0))).collect();
         let n = rows.len().min(super::super::LOOK_AHEAD);
         let times_s: Vec<f64> = rows[..n].iter().map(|row| row.0).collect();
         let prints: Vec<TimePrint> = rows[..n].iter().map(|row| row.1).collect();
@@ -263,10 +224,7 @@ mod tests {
             let grid = check(&print(rate_hz, 50_000, |t| format!("{t:.6}"))).expect("uniform");
             let error = grid.interval_s(None) * rate_hz - 1.0;
             // One unit of 1 us over 50 000 samples.
-            assert!(
-                error.abs() <= 1e-6 * rate_hz / 49_999.0,
-                "{rate_hz}: {error}"
-            );
+            assert!(error.abs() <= 1e-6 * rate_hz / 49_999.0, "{rate_hz}: {error}");
         }
     }
 
@@ -274,11 +232,7 @@ mod tests {
     fn significant_digits_that_run_out_are_allowed_for() {
         // %.5g, as MATLAB's csvwrite: 12.346 s has a unit of 1 ms, at 1 kHz a whole sample.
         let text = |t: f64| {
-            let digits = 4 - if t == 0.0 {
-                0
-            } else {
-                t.log10().floor() as i32
-            };
+            let digits = 4 - if t == 0.0 { 0 } else { t.log10().floor() as i32 };
             format!("{t:.*}", digits.max(0) as usize)
         };
         check(&print(1e3, 20_000, text)).expect("uniform");
@@ -286,9 +240,7 @@ mod tests {
 
     #[test]
     fn a_lost_row_shows_even_in_whole_milliseconds() {
-        let mut texts: Vec<String> = (0..3000)
-            .map(|k| format!("{:.3}", f64::from(k) / 1e3))
-            .collect();
+        let mut texts: Vec<String> = (0..3000).map(|k| format!("{:.3}", f64::from(k) / 1e3)).collect();
         texts.drain(1000..1003);
         match check(&texts) {
             Err(LogError::LostRows { row, n_missing, .. }) => {
@@ -301,16 +253,12 @@ mod tests {
     #[test]
     fn a_drift_that_no_single_step_shows_is_found() {
         // Each step is 1e-5 longer than the one before: 1 % of a sample after about 50 rows.
-        let texts: Vec<String> = (0..2000u32)
-            .map(f64::from)
-            .map(|k| format!("{:.12}", 1e-4 * (k + 0.5e-5 * k * k)))
-            .collect();
+        let texts: Vec<String> =
+            (0..2000u32).map(f64::from).map(|k| format!("{:.12}", 1e-4 * (k + 0.5e-5 * k * k))).collect();
         assert!(matches!(check(&texts), Err(LogError::NotUniform { .. })));
         // And half a percent of jitter is not refused.
         let jitter = |k: u32| if k.is_multiple_of(2) { 0.004 } else { -0.004 };
-        let texts: Vec<String> = (0..2000u32)
-            .map(|k| format!("{:.12}", 1e-4 * (f64::from(k) + jitter(k))))
-            .collect();
+        let texts: Vec<String> = (0..2000u32).map(|k| format!("{:.12}", 1e-4 * (f64::from(k) + jitter(k)))).collect();
         check(&texts).expect("within tolerance");
     }
 }

@@ -30,19 +30,10 @@ pub(crate) fn open<R: Read>(
     wanted: &[Wanted],
 ) -> Result<Opened, LogError> {
     let mut bytes = Vec::new();
-    reader
-        .take(MAX_FILE_BYTES)
-        .read_to_end(&mut bytes)
-        .map_err(|error| LogError::from_read(path, error))?;
+    reader.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(|error| LogError::from_read(path, error))?;
     let variables = mat5::parse(&bytes).map_err(|fault| match fault {
-        Fault::Version73 => LogError::Mat73 {
-            path: path.to_path_buf(),
-        },
-        Fault::Broken(what, offset) => LogError::MatBroken {
-            path: path.to_path_buf(),
-            what,
-            offset,
-        },
+        Fault::Version73 => LogError::Mat73 { path: path.to_path_buf() },
+        Fault::Broken(what, offset) => LogError::MatBroken { path: path.to_path_buf(), what, offset },
     })?;
     drop(bytes);
     let capture = Capture::find(&variables);
@@ -97,10 +88,7 @@ pub(crate) fn open<R: Read>(
         let raster = raster.as_ref().map_or(0, |(raster, _)| *raster);
         let axis = capture.as_ref().and_then(|capture| capture.axis(raster));
         if let Some(axis) = axis {
-            let want = Wanted {
-                name: "X.Data_s".to_owned(),
-                ..want.clone()
-            };
+            let want = Wanted { name: "X.Data_s".to_owned(), ..want.clone() };
             fields.push(Field::new(path, &want, axis, options)?);
             has[Column::Time.idx()] = true;
         } else {
@@ -116,9 +104,7 @@ pub(crate) fn open<R: Read>(
         }
     }
     if let Some((first, rest)) = fields.split_first()
-        && let Some(other) = rest
-            .iter()
-            .find(|field| field.numbers.len() != first.numbers.len())
+        && let Some(other) = rest.iter().find(|field| field.numbers.len() != first.numbers.len())
     {
         return Err(LogError::Lengths {
             path: path.to_path_buf(),
@@ -128,16 +114,7 @@ pub(crate) fn open<R: Read>(
             n_other: other.numbers.len(),
         });
     }
-    Ok(Opened {
-        meta,
-        rate_hz,
-        has,
-        rows: Box::new(MatRows {
-            path: path.to_path_buf(),
-            fields,
-            n_read: 0,
-        }),
-    })
+    Ok(Opened { meta, rate_hz, has, rows: Box::new(MatRows { path: path.to_path_buf(), fields, n_read: 0 }) })
 }
 
 /// A column, loaded.
@@ -150,29 +127,16 @@ struct Field {
 }
 
 impl Field {
-    fn new(
-        path: &Path,
-        want: &Wanted,
-        value: &Value,
-        options: &ReadOptions,
-    ) -> Result<Self, LogError> {
+    fn new(path: &Path, want: &Wanted, value: &Value, options: &ReadOptions) -> Result<Self, LogError> {
         let found = match value {
-            Value::Real {
-                dims,
-                numbers,
-                single,
-            } => {
+            Value::Real { dims, numbers, single } => {
                 if dims.iter().filter(|&&length| length != 1).count() <= 1 {
                     return Ok(Self {
                         column: want.column,
                         name: want.name.clone(),
                         numbers: numbers.clone(),
                         scale: Scale::of(want.column, &want.name, options),
-                        epsilon: if *single {
-                            f64::from(f32::EPSILON)
-                        } else {
-                            f64::EPSILON
-                        },
+                        epsilon: if *single { f64::from(f32::EPSILON) } else { f64::EPSILON },
                     });
                 }
                 let lengths: Vec<String> = dims.iter().map(usize::to_string).collect();
@@ -182,11 +146,7 @@ impl Field {
             Value::Struct { .. } => "a structure".to_owned(),
             Value::Other(what) => (*what).to_owned(),
         };
-        Err(LogError::MatNotVector {
-            path: path.to_path_buf(),
-            column: excerpt(&want.name),
-            found,
-        })
+        Err(LogError::MatNotVector { path: path.to_path_buf(), column: excerpt(&want.name), found })
     }
 }
 
@@ -201,9 +161,7 @@ impl Source for MatRows {
         let mut row = RawRow {
             place: Place::Sample(self.n_read as u64),
             values: [0.0; N_READ],
-            print: TimePrint::Binary {
-                epsilon: f64::EPSILON,
-            },
+            print: TimePrint::Binary { epsilon: f64::EPSILON },
         };
         for field in &self.fields {
             let Some(&number) = field.numbers.get(self.n_read) else {
@@ -219,9 +177,7 @@ impl Source for MatRows {
                 });
             }
             if field.column == Column::Time {
-                row.print = TimePrint::Binary {
-                    epsilon: field.epsilon,
-                };
+                row.print = TimePrint::Binary { epsilon: field.epsilon };
             }
             row.values[field.column.idx()] = value;
         }
@@ -232,12 +188,7 @@ impl Source for MatRows {
 
 /// A variable by its name, or by a path into structures.
 fn dotted<'a>(variables: &'a [(String, Value)], name: &str) -> Option<&'a Value> {
-    let top = |name: &str| {
-        variables
-            .iter()
-            .find(|(n, _)| n == name)
-            .map(|(_, value)| value)
-    };
+    let top = |name: &str| variables.iter().find(|(n, _)| n == name).map(|(_, value)| value);
     top(name).or_else(|| {
         let mut parts = name.split('.');
         let first = top(parts.next()?)?;
@@ -273,19 +224,8 @@ fn meta_of(path: &Path, variables: &[(String, Value)]) -> Result<Meta, LogError>
 /// What there is, for a message.
 fn existing(variables: &[(String, Value)], capture: Option<&Capture<'_>>) -> String {
     match capture {
-        Some(capture) => excerpt_list(
-            &capture
-                .signals
-                .iter()
-                .map(|s| s.full.as_str())
-                .collect::<Vec<_>>(),
-        ),
-        None => excerpt_list(
-            &variables
-                .iter()
-                .map(|(name, _)| name.as_str())
-                .collect::<Vec<_>>(),
-        ),
+        Some(capture) => excerpt_list(&capture.signals.iter().map(|s| s.full.as_str()).collect::<Vec<_>>()),
+        None => excerpt_list(&variables.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>()),
     }
 }
 
@@ -329,10 +269,7 @@ impl<'a> Capture<'a> {
                     raster: raster.map_or(0, |raster| (raster as usize).saturating_sub(1)),
                 })
             });
-            Some(Self {
-                whole,
-                signals: signals.collect(),
-            })
+            Some(Self { whole, signals: signals.collect() })
         })
     }
 
@@ -340,18 +277,10 @@ impl<'a> Capture<'a> {
     fn signals(&self, name: &str) -> Vec<Signal<'a>> {
         let name = unquoted(name);
         let by = |fits: &dyn Fn(&Signal<'_>) -> bool| -> Vec<Signal<'a>> {
-            self.signals
-                .iter()
-                .filter(|&signal| fits(signal))
-                .cloned()
-                .collect()
+            self.signals.iter().filter(|&signal| fits(signal)).cloned().collect()
         };
         let whole = by(&|signal| signal.full == name || signal.name == name);
-        if whole.is_empty() {
-            by(&|signal| signal.full.rsplit('/').next() == Some(name.as_str()))
-        } else {
-            whole
-        }
+        if whole.is_empty() { by(&|signal| signal.full.rsplit('/').next() == Some(name.as_str())) } else { whole }
     }
 
     /// A time axis, unless it was saved empty.
@@ -364,20 +293,12 @@ impl<'a> Capture<'a> {
     }
 
     fn rate_hz(&self) -> Option<f64> {
-        let interval_s = self
-            .whole
-            .field("Capture")?
-            .field("SamplingPeriod")?
-            .number()?;
+        let interval_s = self.whole.field("Capture")?.field("SamplingPeriod")?.number()?;
         Some(interval_s.recip()).filter(|&rate_hz| super::column::is_rate(rate_hz))
     }
 }
 
 /// ControlDesk quotes the parts of a path when they hold blanks.
 fn unquoted(name: &str) -> String {
-    name.chars()
-        .filter(|&c| c != '"')
-        .collect::<String>()
-        .trim()
-        .to_owned()
+    name.chars().filter(|&c| c != '"').collect::<String>().trim().to_owned()
 }

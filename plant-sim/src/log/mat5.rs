@@ -80,9 +80,7 @@ impl Value {
         let Self::Struct { names, elements } = self else {
             return None;
         };
-        elements
-            .get(element)?
-            .get(names.iter().position(|n| n == name)?)
+        elements.get(element)?.get(names.iter().position(|n| n == name)?)
     }
 
     /// A number, if it is a single one.
@@ -133,11 +131,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Found<Vec<(String, Value)>> {
     if bytes.get(if big { 124 } else { 125 }) == Some(&2) {
         return Err(Fault::Version73);
     }
-    let mut cursor = Cursor {
-        bytes,
-        at: HEADER_BYTES,
-        big,
-    };
+    let mut cursor = Cursor { bytes, at: HEADER_BYTES, big };
     let mut variables = Vec::new();
     while cursor.at < bytes.len() {
         let (kind, at, data) = cursor.element()?;
@@ -148,22 +142,13 @@ pub(crate) fn parse(bytes: &[u8]) -> Found<Vec<(String, Value)>> {
                 flate2::read::ZlibDecoder::new(data)
                     .take(MAX_INFLATED_BYTES)
                     .read_to_end(&mut buffer)
-                    .map_err(|_| {
-                        Fault::Broken("a compressed variable that does not inflate", at)
-                    })?;
+                    .map_err(|_| Fault::Broken("a compressed variable that does not inflate", at))?;
                 inflated = buffer;
-                let mut inner = Cursor {
-                    bytes: &inflated,
-                    at: 0,
-                    big,
-                };
+                let mut inner = Cursor { bytes: &inflated, at: 0, big };
                 match inner.element()? {
                     (MI_MATRIX, _, data) => array(data, big, 0)?,
                     _ => {
-                        return Err(Fault::Broken(
-                            "a compressed element that is no variable",
-                            at,
-                        ));
+                        return Err(Fault::Broken("a compressed element that is no variable", at));
                     }
                 }
             }
@@ -194,13 +179,7 @@ impl<'a> Cursor<'a> {
     }
 
     fn u32(&mut self) -> Found<u32> {
-        Ok(number(
-            self.take(4)?,
-            self.big,
-            u32::from_le_bytes,
-            u32::from_be_bytes,
-        )
-        .unwrap_or(0))
+        Ok(number(self.take(4)?, self.big, u32::from_le_bytes, u32::from_be_bytes).unwrap_or(0))
     }
 
     /// The next element: type, offset of its data, data.
@@ -211,8 +190,7 @@ impl<'a> Cursor<'a> {
             let at = self.at;
             let data = self.take(4)?;
             let small = data.get(..(word >> 16) as usize);
-            let small =
-                small.ok_or(Fault::Broken("a small element of more than four bytes", at))?;
+            let small = small.ok_or(Fault::Broken("a small element of more than four bytes", at))?;
             return Ok((word & 0xffff, at, small));
         }
         let n = self.u32()? as usize;
@@ -227,39 +205,24 @@ impl<'a> Cursor<'a> {
 }
 
 /// A number of `N` bytes in either order, `None` if there are not exactly that many.
-fn number<T, const N: usize>(
-    bytes: &[u8],
-    big: bool,
-    le: fn([u8; N]) -> T,
-    be: fn([u8; N]) -> T,
-) -> Option<T> {
+fn number<T, const N: usize>(bytes: &[u8], big: bool, le: fn([u8; N]) -> T, be: fn([u8; N]) -> T) -> Option<T> {
     let bytes: [u8; N] = bytes.try_into().ok()?;
     Some(if big { be(bytes) } else { le(bytes) })
 }
 
 /// An array: its name and value.
 fn array(data: &[u8], big: bool, depth: usize) -> Found<(String, Value)> {
-    let mut cursor = Cursor {
-        bytes: data,
-        at: 0,
-        big,
-    };
+    let mut cursor = Cursor { bytes: data, at: 0, big };
     // An empty matrix may be stored as nothing at all.
     if data.is_empty() {
-        let value = Value::Real {
-            dims: vec![0, 0],
-            numbers: Vec::new(),
-            single: false,
-        };
+        let value = Value::Real { dims: vec![0, 0], numbers: Vec::new(), single: false };
         return Ok((String::new(), value));
     }
     if depth > MAX_NESTING {
         return Err(Fault::Broken("structures nested too deeply", 0));
     }
     let (kind, at, flags) = cursor.element()?;
-    let word = flags
-        .get(..4)
-        .and_then(|word| number(word, big, u32::from_le_bytes, u32::from_be_bytes));
+    let word = flags.get(..4).and_then(|word| number(word, big, u32::from_le_bytes, u32::from_be_bytes));
     let Some(word) = word.filter(|_| kind == MI_UINT32) else {
         return Err(Fault::Broken("an array without flags", at));
     };
@@ -285,9 +248,7 @@ fn array(data: &[u8], big: bool, depth: usize) -> Found<(String, Value)> {
         let length = length.and_then(|length| usize::try_from(length).ok());
         dims.push(length.ok_or(Fault::Broken("a dimension that is no length", at))?);
     }
-    let n = dims
-        .iter()
-        .try_fold(1usize, |n, &length| n.checked_mul(length));
+    let n = dims.iter().try_fold(1usize, |n, &length| n.checked_mul(length));
     let Some(n) = n.filter(|_| kind == MI_INT32) else {
         return Err(Fault::Broken("dimensions that overflow", at));
     };
@@ -311,18 +272,11 @@ fn array(data: &[u8], big: bool, depth: usize) -> Found<(String, Value)> {
                 let (kind, at, data) = cursor.element()?;
                 let numbers = numbers(kind, at, data, big)?;
                 if numbers.len() != n {
-                    return Err(Fault::Broken(
-                        "an array whose length differs from its dimensions",
-                        at,
-                    ));
+                    return Err(Fault::Broken("an array whose length differs from its dimensions", at));
                 }
                 numbers
             };
-            Value::Real {
-                dims,
-                numbers,
-                single: class == MX_SINGLE,
-            }
+            Value::Real { dims, numbers, single: class == MX_SINGLE }
         }
     };
     Ok((name, value))
@@ -355,10 +309,7 @@ fn structure(cursor: &mut Cursor<'_>, n: usize, depth: usize) -> Found<Value> {
 }
 
 /// The numbers of an element, whatever type they were packed into.
-#[expect(
-    clippy::cast_lossless,
-    reason = "one expression for ten types, of which two lose digits"
-)]
+#[expect(clippy::cast_lossless, reason = "one expression for ten types, of which two lose digits")]
 fn numbers(kind: u32, at: usize, data: &[u8], big: bool) -> Found<Vec<f64>> {
     macro_rules! unpack {
         ($real:ty) => {{
@@ -367,9 +318,7 @@ fn numbers(kind: u32, at: usize, data: &[u8], big: bool) -> Found<Vec<f64>> {
                 return Err(Fault::Broken("an array that ends within a number", at));
             }
             chunks
-                .filter_map(|bytes| {
-                    number(bytes, big, <$real>::from_le_bytes, <$real>::from_be_bytes)
-                })
+                .filter_map(|bytes| number(bytes, big, <$real>::from_le_bytes, <$real>::from_be_bytes))
                 .map(|value| value as f64)
                 .collect()
         }};
@@ -412,11 +361,7 @@ fn text(kind: u32, at: usize, data: &[u8], big: bool) -> Found<String> {
 
 /// One byte, one character, up to the first zero.
 fn latin(bytes: &[u8]) -> String {
-    bytes
-        .iter()
-        .take_while(|&&byte| byte != 0)
-        .map(|&byte| char::from(byte))
-        .collect()
+    bytes.iter().take_while(|&&byte| byte != 0).map(|&byte| char::from(byte)).collect()
 }
 
 /// A value to be written.
@@ -441,20 +386,12 @@ pub(crate) fn header() -> [u8; HEADER_BYTES] {
 pub(crate) fn variable(name: &str, value: &Out<'_>) -> Option<Vec<u8>> {
     let (class, kind, n, data): (u8, u32, usize, Vec<u8>) = match value {
         Out::Real(numbers) => {
-            let data = numbers
-                .iter()
-                .flat_map(|number| number.to_le_bytes())
-                .collect();
+            let data = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
             (MX_DOUBLE, MI_DOUBLE, numbers.len(), data)
         }
         Out::Text(text) => {
             // UTF-8 as scipy writes it: MATLAB, Octave and matrw all take it, 16-bit units not all of them.
-            (
-                MX_CHAR,
-                MI_UTF8,
-                text.encode_utf16().count(),
-                text.as_bytes().to_vec(),
-            )
+            (MX_CHAR, MI_UTF8, text.encode_utf16().count(), text.as_bytes().to_vec())
         }
     };
     let n = i32::try_from(n).ok()?;

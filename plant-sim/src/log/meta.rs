@@ -57,13 +57,7 @@ pub struct Meta {
 
 impl Meta {
     /// Takes one `key: value` over. `line` is `None` where the file has no lines.
-    pub(crate) fn set(
-        &mut self,
-        path: &Path,
-        line: Option<u64>,
-        key: &str,
-        text: &str,
-    ) -> Result<(), LogError> {
+    pub(crate) fn set(&mut self, path: &Path, line: Option<u64>, key: &str, text: &str) -> Result<(), LogError> {
         let bad = |expected| LogError::MetaValue {
             path: path.to_path_buf(),
             line,
@@ -117,21 +111,14 @@ impl Meta {
         let mut entries: Vec<(String, String)> = Vec::new();
         let mut put = |key: &str, value: Option<String>| {
             if let Some(value) = value {
-                let one_line = |text: &str| {
-                    text.replace(|c: char| c.is_control(), " ")
-                        .trim()
-                        .to_owned()
-                };
+                let one_line = |text: &str| text.replace(|c: char| c.is_control(), " ").trim().to_owned();
                 entries.push((one_line(key), one_line(&value)));
             }
         };
         let number = |value: f64, exponent: i32| super::writer::shortest(value, exponent);
         put("rate_hz", self.rate_hz.map(|v| number(v, 0)));
         put("hold", Some(self.hold.name().to_owned()));
-        put(
-            "latency_us",
-            (self.latency_s != 0.0).then(|| number(self.latency_s, -6)),
-        );
+        put("latency_us", (self.latency_s != 0.0).then(|| number(self.latency_s, -6)));
         put("adc_lsb_um", self.adc_lsb_m.map(|v| number(v, -6)));
         put("dac_lsb_V", self.dac_lsb_v.map(|v| number(v, 0)));
         put("period_samples", self.period_samples.map(|n| n.to_string()));

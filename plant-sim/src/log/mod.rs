@@ -111,15 +111,9 @@ impl Log {
             (Column::LimitedBy, &self.limited_by),
             (Column::Seq, &self.seq),
         ];
-        let mut columns: Vec<(Column, &[f64])> = vec![
-            (Column::Command, &self.command_v),
-            (Column::Displacement, &self.displacement_m),
-        ];
-        columns.extend(
-            optional
-                .into_iter()
-                .filter_map(|(column, values)| Some((column, values.as_deref()?))),
-        );
+        let mut columns: Vec<(Column, &[f64])> =
+            vec![(Column::Command, &self.command_v), (Column::Displacement, &self.displacement_m)];
+        columns.extend(optional.into_iter().filter_map(|(column, values)| Some((column, values.as_deref()?))));
         columns
     }
 }
@@ -239,19 +233,12 @@ impl RowReader {
         let fail = |error| LogError::from_read(path, error);
         let mut file = File::open(path).map_err(fail)?;
         if file.metadata().map_err(fail)?.is_dir() {
-            return Err(LogError::IsDirectory {
-                path: path.to_path_buf(),
-            });
+            return Err(LogError::IsDirectory { path: path.to_path_buf() });
         }
         let mut head = Vec::new();
-        file.by_ref()
-            .take(128)
-            .read_to_end(&mut head)
-            .map_err(fail)?;
+        file.by_ref().take(128).read_to_end(&mut head).map_err(fail)?;
         if head.is_empty() {
-            return Err(LogError::Empty {
-                path: path.to_path_buf(),
-            });
+            return Err(LogError::Empty { path: path.to_path_buf() });
         }
         // The bytes go before the name: a MAT file called .csv would only give a riddle.
         let kind = if head.starts_with(npy::MAGIC) {
@@ -274,11 +261,7 @@ impl RowReader {
     ///
     /// # Errors
     /// Any reading variant of [`LogError`] that the first rows show.
-    pub fn from_csv<R: Read + Send + 'static>(
-        name: &Path,
-        reader: R,
-        options: &ReadOptions,
-    ) -> Result<Self, LogError> {
+    pub fn from_csv<R: Read + Send + 'static>(name: &Path, reader: R, options: &ReadOptions) -> Result<Self, LogError> {
         let wanted = column::wanted(options)?;
         let opened = csv_file::open(name, reader, options, &wanted)?;
         Self::begin(name, opened, options)
@@ -288,11 +271,7 @@ impl RowReader {
     ///
     /// # Errors
     /// Any reading variant of [`LogError`] that the first rows show.
-    pub fn from_npy<R: Read + Send + 'static>(
-        name: &Path,
-        reader: R,
-        options: &ReadOptions,
-    ) -> Result<Self, LogError> {
+    pub fn from_npy<R: Read + Send + 'static>(name: &Path, reader: R, options: &ReadOptions) -> Result<Self, LogError> {
         let wanted = column::wanted(options)?;
         let opened = npy::open(name, reader, options, &wanted)?;
         Self::begin(name, opened, options)
@@ -302,11 +281,7 @@ impl RowReader {
     ///
     /// # Errors
     /// Any reading variant of [`LogError`] that the first rows show.
-    pub fn from_mat<R: Read>(
-        name: &Path,
-        reader: R,
-        options: &ReadOptions,
-    ) -> Result<Self, LogError> {
+    pub fn from_mat<R: Read>(name: &Path, reader: R, options: &ReadOptions) -> Result<Self, LogError> {
         let wanted = column::wanted(options)?;
         let opened = mat::open(name, reader, options, &wanted)?;
         Self::begin(name, opened, options)
@@ -315,15 +290,9 @@ impl RowReader {
     /// Reads the first rows and learns the usual step from them.
     fn begin(path: &Path, opened: Opened, options: &ReadOptions) -> Result<Self, LogError> {
         let has_time = opened.has(Column::Time);
-        let rate_hz = options.rate_hz.or(if has_time {
-            None
-        } else {
-            opened.rate_hz.or(opened.meta.rate_hz)
-        });
+        let rate_hz = options.rate_hz.or(if has_time { None } else { opened.rate_hz.or(opened.meta.rate_hz) });
         if !has_time && rate_hz.is_none() {
-            return Err(LogError::NoRate {
-                path: path.to_path_buf(),
-            });
+            return Err(LogError::NoRate { path: path.to_path_buf() });
         }
         let mut reader = Self {
             path: path.to_path_buf(),
@@ -350,10 +319,7 @@ impl RowReader {
             let prints: Vec<_> = reader.ahead.iter().map(|row| row.print).collect();
             reader.grid = Grid::new(&times_s, &prints);
             if reader.grid.is_none() {
-                let idx = times_s
-                    .windows(2)
-                    .position(|pair| pair[1] <= pair[0])
-                    .unwrap_or(0);
+                let idx = times_s.windows(2).position(|pair| pair[1] <= pair[0]).unwrap_or(0);
                 return Err(LogError::TimeNotIncreasing {
                     path: path.to_path_buf(),
                     place: reader.ahead[idx + 1].place,
@@ -366,10 +332,7 @@ impl RowReader {
     }
 
     fn too_few(&self, n_samples: u64) -> LogError {
-        LogError::TooFewSamples {
-            path: self.path.clone(),
-            n_samples,
-        }
+        LogError::TooFewSamples { path: self.path.clone(), n_samples }
     }
 
     /// How the log was recorded.
@@ -443,8 +406,7 @@ impl RowReader {
         match (&mut self.grid, self.rate_hz) {
             (Some(grid), _) => grid.push(&self.path, row.place, time_of(&row), row.print)?,
             (None, rate_hz) => {
-                row.values[Column::Time.idx()] =
-                    rate_hz.map_or(f64::NAN, |rate_hz| self.n_rows as f64 / rate_hz);
+                row.values[Column::Time.idx()] = rate_hz.map_or(f64::NAN, |rate_hz| self.n_rows as f64 / rate_hz);
             }
         }
         self.n_rows += 1;

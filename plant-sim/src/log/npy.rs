@@ -48,13 +48,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
         path: path.to_path_buf(),
         shape: match shape.as_slice() {
             [one] => format!("({one},)"),
-            many => format!(
-                "({})",
-                many.iter()
-                    .map(u64::to_string)
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            ),
+            many => format!("({})", many.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
         },
     };
     // Offset and type of every column in a row, by name.
@@ -100,10 +94,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
                     wanted: want.column.key(),
                     name: want.name.clone(),
                     exists: if table {
-                        format!(
-                            "columns 0 to {} without names",
-                            names.len().saturating_sub(1)
-                        )
+                        format!("columns 0 to {} without names", names.len().saturating_sub(1))
                     } else {
                         excerpt_list(&names)
                     },
@@ -138,19 +129,12 @@ pub(crate) fn open<R: Read + Send + 'static>(
         });
     }
 
-    let rows: Box<dyn Read + Send> =
-        if table && header.order() == Order::Fortran && columns.len() > 1 {
-            let n_bytes = columns[0].2.num_bytes().unwrap_or(0);
-            Box::new(Cursor::new(transposed(
-                path,
-                reader,
-                n_rows,
-                columns.len(),
-                n_bytes,
-            )?))
-        } else {
-            Box::new(io::BufReader::with_capacity(1 << 16, reader))
-        };
+    let rows: Box<dyn Read + Send> = if table && header.order() == Order::Fortran && columns.len() > 1 {
+        let n_bytes = columns[0].2.num_bytes().unwrap_or(0);
+        Box::new(Cursor::new(transposed(path, reader, n_rows, columns.len(), n_bytes)?))
+    } else {
+        Box::new(io::BufReader::with_capacity(1 << 16, reader))
+    };
     Ok(Opened {
         meta: Meta::default(),
         rate_hz: None,
@@ -191,21 +175,17 @@ impl Source for NpyRows {
         if self.n_read == self.n_rows {
             return Ok(None);
         }
-        self.rows
-            .read_exact(&mut self.bytes)
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::UnexpectedEof => LogError::NpyBroken {
-                    path: self.path.clone(),
-                    what: format!("it ends after sample {} of {}", self.n_read, self.n_rows),
-                },
-                _ => LogError::from_read(&self.path, error),
-            })?;
+        self.rows.read_exact(&mut self.bytes).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => LogError::NpyBroken {
+                path: self.path.clone(),
+                what: format!("it ends after sample {} of {}", self.n_read, self.n_rows),
+            },
+            _ => LogError::from_read(&self.path, error),
+        })?;
         let mut row = RawRow {
             place: Place::Sample(self.n_read),
             values: [0.0; N_READ],
-            print: TimePrint::Binary {
-                epsilon: f64::EPSILON,
-            },
+            print: TimePrint::Binary { epsilon: f64::EPSILON },
         };
         self.n_read += 1;
         for field in &self.fields {
@@ -222,9 +202,7 @@ impl Source for NpyRows {
                 });
             }
             if field.column == Column::Time {
-                row.print = TimePrint::Binary {
-                    epsilon: field.epsilon,
-                };
+                row.print = TimePrint::Binary { epsilon: field.epsilon };
             }
             row.values[field.column.idx()] = value;
         }
@@ -234,20 +212,15 @@ impl Source for NpyRows {
 
 /// Reads the header after making sure that `npyz` can take it.
 fn guarded_header(path: &Path, reader: &mut impl Read) -> Result<NpyHeader, LogError> {
-    let broken = |what: &str| LogError::NpyBroken {
-        path: path.to_path_buf(),
-        what: excerpt(what),
-    };
+    let broken = |what: &str| LogError::NpyBroken { path: path.to_path_buf(), what: excerpt(what) };
     let mut head = Vec::new();
     let mut take = |n: usize, head: &mut Vec<u8>| {
         let from = head.len();
         head.resize(from + n, 0);
-        reader
-            .read_exact(&mut head[from..])
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::UnexpectedEof => broken("it ends within the header"),
-                _ => LogError::from_read(path, error),
-            })
+        reader.read_exact(&mut head[from..]).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => broken("it ends within the header"),
+            _ => LogError::from_read(path, error),
+        })
     };
     take(8, &mut head)?;
     if !head.starts_with(MAGIC) {
@@ -255,10 +228,7 @@ fn guarded_header(path: &Path, reader: &mut impl Read) -> Result<NpyHeader, LogE
     }
     let size_bytes = if head[6] == 1 { 2 } else { 4 };
     take(size_bytes, &mut head)?;
-    let n_header = head[8..]
-        .iter()
-        .rev()
-        .fold(0usize, |sum, &byte| (sum << 8) | usize::from(byte));
+    let n_header = head[8..].iter().rev().fold(0usize, |sum, &byte| (sum << 8) | usize::from(byte));
     if n_header > MAX_HEADER_BYTES {
         return Err(broken("its header is too long"));
     }
@@ -279,24 +249,17 @@ fn guarded_header(path: &Path, reader: &mut impl Read) -> Result<NpyHeader, LogE
             return Err(broken("its header is nested too deeply"));
         }
     }
-    let value: py_literal::Value = text
-        .trim_end_matches('\n')
-        .parse()
-        .map_err(|_| broken("its header is no Python dictionary"))?;
+    let value: py_literal::Value =
+        text.trim_end_matches('\n').parse().map_err(|_| broken("its header is no Python dictionary"))?;
     let n_bytes = value
         .as_dict()
-        .and_then(|dict| {
-            dict.iter()
-                .find(|(key, _)| key.as_string().is_some_and(|key| key == "shape"))
-        })
+        .and_then(|dict| dict.iter().find(|(key, _)| key.as_string().is_some_and(|key| key == "shape")))
         .and_then(|(_, shape)| shape.as_tuple().or_else(|| shape.as_list()))
         .and_then(|shape| {
             shape.iter().try_fold(1u64, |product, length| {
                 // A length of zero would hide an overflow of the others.
                 let length: u64 = length.as_integer()?.to_string().parse().ok()?;
-                product
-                    .checked_mul(length.max(1))
-                    .filter(|&product| product < 1 << 48)
+                product.checked_mul(length.max(1)).filter(|&product| product < 1 << 48)
             })
         });
     if n_bytes.is_none() {
@@ -306,10 +269,7 @@ fn guarded_header(path: &Path, reader: &mut impl Read) -> Result<NpyHeader, LogE
 }
 
 /// A decoder for a real number type, and the relative spacing of its numbers.
-#[expect(
-    clippy::cast_lossless,
-    reason = "one expression for ten types, of which two lose digits"
-)]
+#[expect(clippy::cast_lossless, reason = "one expression for ten types, of which two lose digits")]
 fn decoder(dtype: &DType) -> Option<(Decode, f64)> {
     // One attempt per type that numpy has; `npyz` says no to all but the right one, byte order included.
     macro_rules! attempt {
@@ -336,19 +296,12 @@ fn transposed(
     n_columns: usize,
     n_bytes: usize,
 ) -> Result<Vec<u8>, LogError> {
-    let broken = || LogError::NpyBroken {
-        path: path.to_path_buf(),
-        what: format!("it ends before its {n_rows} samples"),
-    };
-    let total = usize::try_from(n_rows)
-        .ok()
-        .and_then(|n| n.checked_mul(n_columns)?.checked_mul(n_bytes))
-        .ok_or_else(broken)?;
+    let broken =
+        || LogError::NpyBroken { path: path.to_path_buf(), what: format!("it ends before its {n_rows} samples") };
+    let total =
+        usize::try_from(n_rows).ok().and_then(|n| n.checked_mul(n_columns)?.checked_mul(n_bytes)).ok_or_else(broken)?;
     let mut by_column = Vec::new();
-    reader
-        .take(total as u64)
-        .read_to_end(&mut by_column)
-        .map_err(|error| LogError::from_read(path, error))?;
+    reader.take(total as u64).read_to_end(&mut by_column).map_err(|error| LogError::from_read(path, error))?;
     // Only what was really there is allocated, whatever the header claims.
     if by_column.len() < total {
         return Err(broken());

@@ -28,9 +28,7 @@ pub fn warnings(log: &Log) -> Vec<String> {
     let span_v = high_v - low_v;
 
     if span_v == 0.0 {
-        warn(format!(
-            "the command is {low_v} V throughout: nothing is excited, so nothing can be identified"
-        ));
+        warn(format!("the command is {low_v} V throughout: nothing is excited, so nothing can be identified"));
     }
     if span_m == 0.0 {
         warn(format!(
@@ -93,15 +91,11 @@ fn clipped(log: &Log, extreme_m: f64, span_v: f64) -> Option<(usize, usize, f64)
     let mut longest: Option<(usize, usize, f64)> = None;
     let mut from = 0;
     while from < log.displacement_m.len() {
-        let n = log.displacement_m[from..]
-            .iter()
-            .take_while(|&&value| value == extreme_m)
-            .count();
+        let n = log.displacement_m[from..].iter().take_while(|&&value| value == extreme_m).count();
         if n >= MIN_CLIPPED_SAMPLES {
             let (low_v, high_v) = extremes(log.command_v.get(from..from + n).unwrap_or_default());
             let moved_v = high_v - low_v;
-            if moved_v > MIN_CLIPPED_COMMAND * span_v && longest.is_none_or(|(_, most, _)| n > most)
-            {
+            if moved_v > MIN_CLIPPED_COMMAND * span_v && longest.is_none_or(|(_, most, _)| n > most) {
                 longest = Some((from, n, moved_v));
             }
         }
@@ -111,9 +105,5 @@ fn clipped(log: &Log, extreme_m: f64, span_v: f64) -> Option<(usize, usize, f64)
 }
 
 fn extremes(values: &[f64]) -> (f64, f64) {
-    values
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| {
-            (low.min(value), high.max(value))
-        })
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
 }

@@ -49,12 +49,7 @@ impl Writer {
         Self::with_interval(path, meta, columns, meta.rate_hz.map(f64::recip))
     }
 
-    fn with_interval(
-        path: &Path,
-        meta: &Meta,
-        columns: &[Column],
-        interval_s: Option<f64>,
-    ) -> Result<Self, LogError> {
+    fn with_interval(path: &Path, meta: &Meta, columns: &[Column], interval_s: Option<f64>) -> Result<Self, LogError> {
         let mut head = String::new();
         for (key, value) in meta.entries() {
             head.push_str(&format!("# {key}: {value}\n"));
@@ -113,18 +108,11 @@ impl Writer {
             }
             match (column, self.interval_s) {
                 (Column::Time, Some(interval_s)) => {
-                    let decimals = *self
-                        .time_decimals
-                        .get_or_insert_with(|| time_decimals(interval_s, value));
+                    let decimals = *self.time_decimals.get_or_insert_with(|| time_decimals(interval_s, value));
                     // Writing to memory cannot fail.
                     let _ = write!(self.line, "{value:.decimals$}");
                 }
-                _ => push_shortest(
-                    &mut self.line,
-                    &mut self.scratch,
-                    value,
-                    column.file_exponent(),
-                ),
+                _ => push_shortest(&mut self.line, &mut self.scratch, value, column.file_exponent()),
             }
         }
         self.line.push(b'\n');
@@ -148,10 +136,7 @@ impl Writer {
 }
 
 fn gave_up(path: &Path) -> LogError {
-    LogError::Unwritable {
-        path: path.to_path_buf(),
-        source: io::Error::other("an earlier row could not be written"),
-    }
+    LogError::Unwritable { path: path.to_path_buf(), source: io::Error::other("an earlier row could not be written") }
 }
 
 /// Writes a whole log; the extension (`.csv`, `.npy`, `.mat`) says how.
@@ -175,18 +160,14 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
     }
     let mut meta = log.meta.clone();
     meta.rate_hz.get_or_insert(log.dt_s.recip());
-    let names: Vec<Column> = std::iter::once(Column::Time)
-        .chain(columns.iter().map(|(column, _)| *column))
-        .collect();
+    let names: Vec<Column> = std::iter::once(Column::Time).chain(columns.iter().map(|(column, _)| *column)).collect();
     let mut values = Vec::with_capacity(names.len());
     let fill = |row: usize, values: &mut Vec<f64>| {
         values.clear();
         values.push(log.time_s(row));
         values.extend(columns.iter().map(|(_, column)| column[row]));
     };
-    let kind = Kind::of_extension(path).ok_or_else(|| LogError::UnknownKind {
-        path: path.to_path_buf(),
-    })?;
+    let kind = Kind::of_extension(path).ok_or_else(|| LogError::UnknownKind { path: path.to_path_buf() })?;
     if kind == Kind::Csv {
         let mut writer = Writer::with_interval(path, &meta, &names, Some(log.dt_s))?;
         for row in 0..n_rows {
@@ -224,10 +205,7 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
         staged.put(&mat5::header())?;
         for (key, value) in meta.entries() {
             // Only what is a quantity becomes a number: a seed or a version that looks like one is a name.
-            let number = value
-                .parse::<f64>()
-                .ok()
-                .filter(|_| NUMERIC_KEYS.contains(&key.as_str()));
+            let number = value.parse::<f64>().ok().filter(|_| NUMERIC_KEYS.contains(&key.as_str()));
             let out = match &number {
                 Some(number) => mat5::Out::Real(std::slice::from_ref(number)),
                 None => mat5::Out::Text(&value),
@@ -238,35 +216,19 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
         let time_s: Vec<f64> = (0..n_rows).map(|row| log.time_s(row)).collect();
         let time = std::iter::once((Column::Time, time_s.as_slice()));
         for (column, values_si) in time.chain(columns) {
-            let values: Vec<f64> = values_si
-                .iter()
-                .map(|&value| in_file(column, value))
-                .collect();
-            staged.put_variable(mat5::variable(
-                column.file_name(),
-                &mat5::Out::Real(&values),
-            ))?;
+            let values: Vec<f64> = values_si.iter().map(|&value| in_file(column, value)).collect();
+            staged.put_variable(mat5::variable(column.file_name(), &mat5::Out::Real(&values)))?;
         }
     }
     staged.finish()
 }
 
 /// Metadata that are quantities.
-const NUMERIC_KEYS: [&str; 6] = [
-    "rate_hz",
-    "latency_us",
-    "adc_lsb_um",
-    "dac_lsb_V",
-    "period_samples",
-    "run_in_s",
-];
+const NUMERIC_KEYS: [&str; 6] = ["rate_hz", "latency_us", "adc_lsb_um", "dac_lsb_V", "period_samples", "run_in_s"];
 
 /// A name that MATLAB takes: letters, digits and underscores, at most 63, a letter first.
 fn identifier(key: &str) -> String {
-    let mut name: String = key
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
-        .collect();
+    let mut name: String = key.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
         name.insert(0, 'x');
     }
@@ -284,9 +246,7 @@ fn time_decimals(interval_s: f64, first_s: f64) -> usize {
         })
     };
     let fine = (4.0 - interval_s.log10()).ceil().clamp(0.0, 15.0) as usize;
-    ends_at(interval_s)
-        .unwrap_or(fine)
-        .max(ends_at(first_s).unwrap_or(fine.max(MAX_TIME_DECIMALS)))
+    ends_at(interval_s).unwrap_or(fine).max(ends_at(first_s).unwrap_or(fine.max(MAX_TIME_DECIMALS)))
 }
 
 /// The shortest text that gives `value` back when read in the unit `10^exponent`.
@@ -356,9 +316,7 @@ impl npyz::TypeWrite for NpyRowWriter {
     type Value = NpyRow;
 
     fn write_one<W: Write>(&self, mut writer: W, row: &NpyRow) -> io::Result<()> {
-        row.0
-            .iter()
-            .try_for_each(|value| writer.write_all(&value.to_le_bytes()))
+        row.0.iter().try_for_each(|value| writer.write_all(&value.to_le_bytes()))
     }
 }
 
@@ -402,23 +360,15 @@ struct Staged {
 
 impl Staged {
     fn create(path: &Path) -> Result<Self, LogError> {
-        let unwritable = |source| LogError::Unwritable {
-            path: path.to_path_buf(),
-            source,
-        };
+        let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
         // Through a link, its target is replaced and not the link.
         let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         match fs::metadata(&target) {
             Ok(found) if found.is_dir() => {
-                return Err(LogError::IsDirectory {
-                    path: path.to_path_buf(),
-                });
+                return Err(LogError::IsDirectory { path: path.to_path_buf() });
             }
             Ok(found) if !found.is_file() => {
-                let file = OpenOptions::new()
-                    .write(true)
-                    .open(&target)
-                    .map_err(unwritable)?;
+                let file = OpenOptions::new().write(true).open(&target).map_err(unwritable)?;
                 return Ok(Self {
                     path: path.to_path_buf(),
                     temporary: None,
@@ -436,13 +386,8 @@ impl Staged {
         static N_STAGED: AtomicU32 = AtomicU32::new(0);
         let name = target.file_name().unwrap_or_default().to_string_lossy();
         let n = N_STAGED.fetch_add(1, Ordering::Relaxed);
-        let temporary =
-            target.with_file_name(format!(".{name}.{}-{n}.partial", std::process::id()));
-        let file = OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .open(&temporary)
-            .map_err(unwritable)?;
+        let temporary = target.with_file_name(format!(".{name}.{}-{n}.partial", std::process::id()));
+        let file = OpenOptions::new().write(true).create_new(true).open(&temporary).map_err(unwritable)?;
         Ok(Self {
             path: path.to_path_buf(),
             temporary: Some(temporary),
@@ -452,32 +397,22 @@ impl Staged {
     }
 
     fn unwritable(&self, source: io::Error) -> LogError {
-        LogError::Unwritable {
-            path: self.path.clone(),
-            source,
-        }
+        LogError::Unwritable { path: self.path.clone(), source }
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<(), LogError> {
-        self.file
-            .write_all(bytes)
-            .map_err(|source| self.unwritable(source))
+        self.file.write_all(bytes).map_err(|source| self.unwritable(source))
     }
 
     fn put_variable(&mut self, variable: Option<Vec<u8>>) -> Result<(), LogError> {
         let bytes = variable.ok_or_else(|| {
-            self.unwritable(io::Error::new(
-                io::ErrorKind::FileTooLarge,
-                "a MAT v5 variable holds less than 2 GB",
-            ))
+            self.unwritable(io::Error::new(io::ErrorKind::FileTooLarge, "a MAT v5 variable holds less than 2 GB"))
         })?;
         self.put(&bytes)
     }
 
     fn finish(mut self) -> Result<(), LogError> {
-        self.file
-            .flush()
-            .map_err(|source| self.unwritable(source))?;
+        self.file.flush().map_err(|source| self.unwritable(source))?;
         if let Some(temporary) = &self.temporary {
             fs::rename(temporary, &self.target).map_err(|source| self.unwritable(source))?;
             self.temporary = None;

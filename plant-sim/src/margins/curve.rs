@@ -37,10 +37,7 @@ impl<'a> Curve<'a> {
     /// little from point to point. `None` if the curve cannot be resolved because rounding hides it.
     pub(super) fn trace(sampled: &'a SampledLoop, eigenvalues: &[Complex<f64>]) -> Option<Self> {
         // Closer to 1 than rounding tells from 1 is the memory of a hysteron, and no time scale.
-        let distances = eigenvalues
-            .iter()
-            .map(|z| (z - 1.0).norm())
-            .filter(|&distance| distance > 1e-13);
+        let distances = eigenvalues.iter().map(|z| (z - 1.0).norm()).filter(|&distance| distance > 1e-13);
         let first_angle = (1e-3 * distances.fold(1.0, f64::min)).clamp(1e-12, 1e-3);
 
         let mut angles = Vec::new();
@@ -55,23 +52,14 @@ impl<'a> Curve<'a> {
         angles.extend((1..N_LINEAR).map(|i| LAST_ANGLE * f64::from(i) / f64::from(N_LINEAR)));
         for z in eigenvalues {
             let width = (1.0 - z.norm()).abs();
-            let around =
-                [-3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0].map(|factor| z.arg().abs() + factor * width);
-            angles.extend(
-                around
-                    .into_iter()
-                    .filter(|&angle| angle > first_angle && angle < LAST_ANGLE),
-            );
+            let around = [-3.0, -1.0, -0.3, 0.0, 0.3, 1.0, 3.0].map(|factor| z.arg().abs() + factor * width);
+            angles.extend(around.into_iter().filter(|&angle| angle > first_angle && angle < LAST_ANGLE));
         }
         angles.push(LAST_ANGLE);
         angles.sort_by(f64::total_cmp);
         angles.dedup();
 
-        let mut curve = Self {
-            sampled,
-            angles: Vec::new(),
-            values: Vec::new(),
-        };
+        let mut curve = Self { sampled, angles: Vec::new(), values: Vec::new() };
         let mut previous: Option<(f64, Complex<f64>)> = None;
         for angle in angles {
             let value = sampled.open_loop(angle);
@@ -93,13 +81,7 @@ impl<'a> Curve<'a> {
         self.values.push(value);
     }
 
-    fn halve(
-        &mut self,
-        left: (f64, Complex<f64>),
-        right: (f64, Complex<f64>),
-        halvings_left: u32,
-        most_points: usize,
-    ) {
+    fn halve(&mut self, left: (f64, Complex<f64>), right: (f64, Complex<f64>), halvings_left: u32, most_points: usize) {
         let change = (right.1 / left.1).ln();
         let is_smooth = change.re.abs() < FINEST_TURN && change.im.abs() < FINEST_TURN;
         let is_finite = change.re.is_finite() && change.im.is_finite();
@@ -117,31 +99,21 @@ impl<'a> Curve<'a> {
     pub(super) fn critical_gains(&self) -> Vec<CriticalGain> {
         let sine = |value: Complex<f64>| value.im / value.norm();
         let sines: Vec<f64> = self.values.iter().map(|&value| sine(value)).collect();
-        let mut found: Vec<CriticalGain> = search::roots(
-            |angle| sine(self.sampled.open_loop(angle)),
-            &self.angles,
-            &sines,
-            2.0 * FINEST_TURN,
-        )
-        .into_iter()
-        .map(|angle| (angle, self.sampled.open_loop(angle)))
-        // A sign also changes on the positive axis, and across a pole on the circle, where the value is no crossing.
-        .filter(|(_, value)| value.re < 0.0 && sine(*value).abs() < 1e-6)
-        .map(|(angle, value)| CriticalGain {
-            gain: 1.0 / value.norm(),
-            angle,
-        })
-        .collect();
+        let mut found: Vec<CriticalGain> =
+            search::roots(|angle| sine(self.sampled.open_loop(angle)), &self.angles, &sines, 2.0 * FINEST_TURN)
+                .into_iter()
+                .map(|angle| (angle, self.sampled.open_loop(angle)))
+                // A sign also changes on the positive axis, and across a pole on the circle, where the value is no crossing.
+                .filter(|(_, value)| value.re < 0.0 && sine(*value).abs() < 1e-6)
+                .map(|(angle, value)| CriticalGain { gain: 1.0 / value.norm(), angle })
+                .collect();
         // The two ends of the curve lie on the real axis and do not change sign there. At the lower end that is so only without
         // an integrator.
         let lower_end = self.angles.first().filter(|_| !self.sampled.integrates());
         for angle in lower_end.copied().into_iter().chain([PI]) {
             let value = self.sampled.open_loop(angle);
             if value.re < 0.0 && value.norm().is_finite() {
-                found.push(CriticalGain {
-                    gain: 1.0 / value.norm(),
-                    angle,
-                });
+                found.push(CriticalGain { gain: 1.0 / value.norm(), angle });
             }
         }
         found.sort_by(|left, right| left.gain.total_cmp(&right.gain));
@@ -151,27 +123,18 @@ impl<'a> Curve<'a> {
     /// Where `|L| = 1`: angle of z and the value of L.
     pub(super) fn unity_crossings(&self) -> Vec<(f64, Complex<f64>)> {
         let sizes: Vec<f64> = self.values.iter().map(|value| value.norm().ln()).collect();
-        search::roots(
-            |angle| self.sampled.open_loop(angle).norm().ln(),
-            &self.angles,
-            &sizes,
-            2.0 * FINEST_TURN,
-        )
-        .into_iter()
-        .map(|angle| (angle, self.sampled.open_loop(angle)))
-        .filter(|(_, value)| (value.norm() - 1.0).abs() < 1e-6)
-        .collect()
+        search::roots(|angle| self.sampled.open_loop(angle).norm().ln(), &self.angles, &sizes, 2.0 * FINEST_TURN)
+            .into_iter()
+            .map(|angle| (angle, self.sampled.open_loop(angle)))
+            .filter(|(_, value)| (value.norm() - 1.0).abs() < 1e-6)
+            .collect()
     }
 
     /// The least distance of the curve from -1.
     pub(super) fn modulus(&self) -> f64 {
         let distance = |value: Complex<f64>| (value + 1.0).norm();
         let distances: Vec<f64> = self.values.iter().map(|&value| distance(value)).collect();
-        let (_, inside) = search::least(
-            |angle| distance(self.sampled.open_loop(angle)),
-            &self.angles,
-            &distances,
-        );
+        let (_, inside) = search::least(|angle| distance(self.sampled.open_loop(angle)), &self.angles, &distances);
         inside.min(distance(self.sampled.open_loop(PI)))
     }
 }

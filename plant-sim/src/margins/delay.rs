@@ -15,11 +15,7 @@ use super::{LinearRegion, Loop, is_stable, spectral_radius};
 const N_FRACTIONS: u32 = 8;
 
 /// The smallest delay above `law.delay_s` that puts an eigenvalue on the unit circle; infinite if none does.
-pub(super) fn next_critical_delay(
-    region: &LinearRegion,
-    law: &Loop,
-    eigenvalues: &[Complex<f64>],
-) -> f64 {
+pub(super) fn next_critical_delay(region: &LinearRegion, law: &Loop, eigenvalues: &[Complex<f64>]) -> f64 {
     let period_s = 1.0 / law.rate_hz;
     let mut guesses = Vec::new();
     for start in starts(law, law.delay_s, eigenvalues, region) {
@@ -47,28 +43,11 @@ pub(super) fn next_critical_delay(
 
 /// For a loop that is unstable at its delay: the largest smaller delay from which on downwards it is stable, if there is one within
 /// the first turn of the phase.
-pub(super) fn stabilising_delay(
-    region: &LinearRegion,
-    law: &Loop,
-    eigenvalues: &[Complex<f64>],
-) -> Option<f64> {
+pub(super) fn stabilising_delay(region: &LinearRegion, law: &Loop, eigenvalues: &[Complex<f64>]) -> Option<f64> {
     let mut edges: Vec<f64> = starts(law, 0.0, eigenvalues, region)
         .into_iter()
-        .filter_map(|start| {
-            solve(
-                region,
-                law,
-                start.critical_delay_s.rem_euclid(TAU / start.omega),
-                start.omega,
-            )
-        })
-        .chain(nyquist_critical_delay(
-            region,
-            &Loop {
-                delay_s: 0.0,
-                ..*law
-            },
-        ))
+        .filter_map(|start| solve(region, law, start.critical_delay_s.rem_euclid(TAU / start.omega), start.omega))
+        .chain(nyquist_critical_delay(region, &Loop { delay_s: 0.0, ..*law }))
         .filter(|&delay_s| delay_s > 0.0 && delay_s < law.delay_s)
         .collect();
     edges.sort_by(f64::total_cmp);
@@ -78,12 +57,8 @@ pub(super) fn stabilising_delay(
         if edge - below < 1e-9 / law.rate_hz {
             continue;
         }
-        let between = Loop {
-            delay_s: 0.5 * (below + edge),
-            ..*law
-        };
-        let found = SampledLoop::new(region, &between)
-            .and_then(|sampled| sampled.closed_loop_eigenvalues(1.0));
+        let between = Loop { delay_s: 0.5 * (below + edge), ..*law };
+        let found = SampledLoop::new(region, &between).and_then(|sampled| sampled.closed_loop_eigenvalues(1.0));
         if found.is_some_and(|eigenvalues| is_stable(spectral_radius(&eigenvalues))) {
             return Some(edge);
         }
@@ -97,12 +72,7 @@ struct Start {
     omega: f64,
 }
 
-fn starts(
-    law: &Loop,
-    from_delay_s: f64,
-    eigenvalues: &[Complex<f64>],
-    region: &LinearRegion,
-) -> Vec<Start> {
+fn starts(law: &Loop, from_delay_s: f64, eigenvalues: &[Complex<f64>], region: &LinearRegion) -> Vec<Start> {
     let mut starts = Vec::new();
     for i in 0..N_FRACTIONS {
         let delay_s = from_delay_s + f64::from(i) / f64::from(N_FRACTIONS) / law.rate_hz;
@@ -114,10 +84,7 @@ fn starts(
         };
         for (angle, value) in curve.unity_crossings() {
             let omega = angle * law.rate_hz;
-            starts.push(Start {
-                critical_delay_s: delay_s + (-value).arg() / omega,
-                omega,
-            });
+            starts.push(Start { critical_delay_s: delay_s + (-value).arg() / omega, omega });
         }
     }
     starts

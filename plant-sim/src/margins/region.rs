@@ -48,10 +48,7 @@ impl Phs {
     pub fn linear_regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
         let n_hysterons = self.hysterons.len();
         if n_hysterons > MAX_HYSTERONS {
-            return Err(MarginError::TooManyHysterons {
-                n_hysterons,
-                limit: MAX_HYSTERONS,
-            });
+            return Err(MarginError::TooManyHysterons { n_hysterons, limit: MAX_HYSTERONS });
         }
         (0..1_usize << n_hysterons)
             .rev()
@@ -67,14 +64,10 @@ impl Phs {
     pub fn linear_region(&self, active: &[bool]) -> Result<LinearRegion, MarginError> {
         self.check_coefficients()?;
         let is_active = |hysteron_idx: &usize| active.get(*hysteron_idx).copied().unwrap_or(false);
-        let (active_idxs, inactive_idxs): (Vec<usize>, Vec<usize>) =
-            (0..self.hysterons.len()).partition(is_active);
+        let (active_idxs, inactive_idxs): (Vec<usize>, Vec<usize>) = (0..self.hysterons.len()).partition(is_active);
 
         let alpha = self.transduction_c_per_m;
-        let added_stiffness: f64 = inactive_idxs
-            .iter()
-            .map(|&i| alpha * alpha / self.hysterons[i].capacitance_f)
-            .sum();
+        let added_stiffness: f64 = inactive_idxs.iter().map(|&i| alpha * alpha / self.hysterons[i].capacitance_f).sum();
         let n_states = 2 + active_idxs.len();
         let mut a = DMatrix::zeros(n_states, n_states);
         a[(0, 1)] = 1.0;
@@ -90,12 +83,7 @@ impl Phs {
         b[1] = alpha / self.mass_kg;
         let mut c = RowDVector::zeros(n_states);
         c[0] = 1.0;
-        Ok(LinearRegion {
-            label: label(&active_idxs),
-            a,
-            b,
-            c,
-        })
+        Ok(LinearRegion { label: label(&active_idxs), a, b, c })
     }
 
     fn check_coefficients(&self) -> Result<(), MarginError> {

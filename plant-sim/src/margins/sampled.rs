@@ -41,16 +41,8 @@ impl SampledLoop {
         let delay_samples = law.delay_s * law.rate_hz;
         let nearest = delay_samples.round();
         let is_whole = (delay_samples - nearest).abs() <= WHOLE_SAMPLE_TOLERANCE * nearest.max(1.0);
-        let whole_delay = if is_whole {
-            nearest
-        } else {
-            delay_samples.floor()
-        };
-        let rest_s = if is_whole {
-            0.0
-        } else {
-            (delay_samples - whole_delay) * period_s
-        };
+        let whole_delay = if is_whole { nearest } else { delay_samples.floor() };
+        let rest_s = if is_whole { 0.0 } else { (delay_samples - whole_delay) * period_s };
 
         let mut a = region.a.clone();
         let scale = balance(&mut a);
@@ -75,11 +67,7 @@ impl SampledLoop {
             stale = stale.map(|column| basis.tr_mul(&column));
             output *= basis;
         }
-        let all_finite = step
-            .iter()
-            .chain(fresh.iter())
-            .chain(output.iter())
-            .all(|x| x.is_finite())
+        let all_finite = step.iter().chain(fresh.iter()).chain(output.iter()).all(|x| x.is_finite())
             && stale.iter().flatten().all(|x| x.is_finite());
         all_finite.then_some(Self {
             step,
@@ -102,14 +90,10 @@ impl SampledLoop {
     pub(super) fn open_loop(&self, angle: f64) -> Complex<f64> {
         let z = Complex::from_polar(1.0, angle);
         // z - 1 without cancellation at low frequency.
-        let z_less_one =
-            Complex::new(0.0, 2.0 * (0.5 * angle).sin()) * Complex::from_polar(1.0, 0.5 * angle);
+        let z_less_one = Complex::new(0.0, 2.0 * (0.5 * angle).sin()) * Complex::from_polar(1.0, 0.5 * angle);
         let delay = Complex::from_polar(1.0, -(angle * self.whole_delay as f64));
-        let law = if self.integrates() {
-            z * self.ki_per_sample / z_less_one + self.kp
-        } else {
-            Complex::from(self.kp)
-        };
+        let law =
+            if self.integrates() { z * self.ki_per_sample / z_less_one + self.kp } else { Complex::from(self.kp) };
         law * delay * self.plant(z_less_one, z.conj())
     }
 
@@ -177,9 +161,7 @@ impl SampledLoop {
         let (kp, ki_per_sample) = (gain * self.kp, gain * self.ki_per_sample);
 
         let mut drive = RowDVector::zeros(size);
-        drive
-            .columns_mut(0, n)
-            .copy_from(&(&self.output * -(kp + ki_per_sample)));
+        drive.columns_mut(0, n).copy_from(&(&self.output * -(kp + ki_per_sample)));
         if n_integral == 1 {
             drive[n] = 1.0;
         }
@@ -187,30 +169,22 @@ impl SampledLoop {
             if samples == 0 {
                 drive.clone()
             } else {
-                RowDVector::from_fn(size, |_, col| {
-                    f64::from(u8::from(col == first_past + samples - 1))
-                })
+                RowDVector::from_fn(size, |_, col| f64::from(u8::from(col == first_past + samples - 1)))
             }
         };
         let mut matrix = DMatrix::zeros(size, size);
-        matrix
-            .view_mut((0, 0), (n, n))
-            .copy_from(&(&self.step + DMatrix::identity(n, n)));
+        matrix.view_mut((0, 0), (n, n)).copy_from(&(&self.step + DMatrix::identity(n, n)));
         let mut plant_rows = matrix.rows_mut(0, n);
         plant_rows += &self.fresh * drive_before(self.whole_delay);
         if let Some(stale) = &self.stale {
             plant_rows += stale * drive_before(self.whole_delay + 1);
         }
         if n_integral == 1 {
-            matrix
-                .view_mut((n, 0), (1, n))
-                .copy_from(&(&self.output * -ki_per_sample));
+            matrix.view_mut((n, 0), (1, n)).copy_from(&(&self.output * -ki_per_sample));
             matrix[(n, n)] = 1.0;
         }
         for past in 0..n_past {
-            matrix
-                .row_mut(first_past + past)
-                .copy_from(&drive_before(past));
+            matrix.row_mut(first_past + past).copy_from(&drive_before(past));
         }
         eigenvalues(matrix)
     }
@@ -225,16 +199,10 @@ fn hold(a: &DMatrix<f64>, b: &DVector<f64>, t: f64) -> Option<(DMatrix<f64>, DVe
     }
     // The input in a unit that makes its column as large as A, so that it does not drive the number of squarings.
     let norm_b = b.iter().map(|x| x.abs()).sum::<f64>();
-    let input_scale = if norm_b > 0.0 && norm_a > 0.0 {
-        power_of_two(norm_a / norm_b)?
-    } else {
-        1.0
-    };
+    let input_scale = if norm_b > 0.0 && norm_a > 0.0 { power_of_two(norm_a / norm_b)? } else { 1.0 };
     let mut augmented = DMatrix::zeros(n + 1, n + 1);
     augmented.view_mut((0, 0), (n, n)).copy_from(&(a * t));
-    augmented
-        .view_mut((0, n), (n, 1))
-        .copy_from(&(b * (input_scale * t)));
+    augmented.view_mut((0, n), (n, 1)).copy_from(&(b * (input_scale * t)));
     if augmented.iter().any(|x| !x.is_finite()) {
         return None;
     }
@@ -259,11 +227,7 @@ fn eigenvalues(mut matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
         let Some(schur) = Schur::try_new(shifted, f64::EPSILON, 60 * n + 60) else {
             continue;
         };
-        let found: Vec<Complex<f64>> = schur
-            .complex_eigenvalues()
-            .iter()
-            .map(|z| z - shift)
-            .collect();
+        let found: Vec<Complex<f64>> = schur.complex_eigenvalues().iter().map(|z| z - shift).collect();
         let sum: Complex<f64> = found.iter().sum();
         // n eigenvalues, each good to some rounding units of the norm, unless something went wrong.
         if (sum - matrix.trace()).norm() <= 1e-9 * n as f64 * norm {
@@ -315,10 +279,7 @@ fn power_of_two(near: f64) -> Option<f64> {
 }
 
 fn one_norm(matrix: &DMatrix<f64>) -> f64 {
-    matrix
-        .column_iter()
-        .map(|column| column.iter().map(|x| x.abs()).sum::<f64>())
-        .fold(0.0, f64::max)
+    matrix.column_iter().map(|column| column.iter().map(|x| x.abs()).sum::<f64>()).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -356,8 +317,7 @@ mod tests {
     fn scaled_exponential(period_s: f64) -> DMatrix<f64> {
         let mut a = stiff_matrix();
         let scale = balance(&mut a);
-        let (e, _) =
-            hold(&a, &DVector::from_element(4, 1.0), period_s).expect("well within the limit");
+        let (e, _) = hold(&a, &DVector::from_element(4, 1.0), period_s).expect("well within the limit");
         DMatrix::from_fn(4, 4, |i, j| e[(i, j)] * scale[i] / scale[j])
     }
 

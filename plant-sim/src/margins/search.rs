@@ -9,12 +9,7 @@ const VALUE_NOISE: f64 = 1e-12;
 /// All roots of `f` that the grid can show: every change of sign, and every dip towards zero between grid points that do not change
 /// sign, because two crossings close together hide in one step. `values` are `f` at `grid`; a dip that starts above `deepest_dip`
 /// is not followed, because the grid is known to be finer than that.
-pub(super) fn roots(
-    f: impl Fn(f64) -> f64,
-    grid: &[f64],
-    values: &[f64],
-    deepest_dip: f64,
-) -> Vec<f64> {
+pub(super) fn roots(f: impl Fn(f64) -> f64, grid: &[f64], values: &[f64], deepest_dip: f64) -> Vec<f64> {
     let mut found = Vec::new();
     for i in 1..grid.len() {
         let (left, right) = (values[i - 1], values[i]);
@@ -115,10 +110,7 @@ mod tests {
         let grid = [0.0, 1.0, 1.0 + f64::EPSILON, 2.0];
         let values = [f(0.0), f(1.0) - 2e-16, f(1.0), f(2.0)];
         let (place, value) = least(f, &grid, &values);
-        assert!(
-            (place - 1.2).abs() < 1e-7 && value < 1e-14,
-            "{place} {value}"
-        );
+        assert!((place - 1.2).abs() < 1e-7 && value < 1e-14, "{place} {value}");
     }
 
     #[test]
@@ -128,9 +120,6 @@ mod tests {
         let values = grid.map(f);
         let found = roots(f, &grid, &values, 0.5);
         assert_eq!(found.len(), 2, "{found:?}");
-        assert!(
-            (found[0] - 1.1).abs() < 1e-14 && (found[1] - 1.3).abs() < 1e-14,
-            "{found:?}"
-        );
+        assert!((found[0] - 1.1).abs() < 1e-14 && (found[1] - 1.3).abs() < 1e-14, "{found:?}");
     }
 }
