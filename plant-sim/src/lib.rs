@@ -15,5 +15,6 @@ pub mod phs;
 pub mod replay;
 pub mod spec;
 mod toml_file;
+mod toml_layout;
 
 pub use toml_file::FileError;

@@ -1,5 +1,6 @@
 //! Reading and writing parameter files: one line per error, nothing half-written.
 
+use crate::toml_layout::lay_out;
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::{Path, PathBuf};
 
@@ -84,7 +85,8 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, schema: &'static str) -> Re
 /// [`FileError::Unwritable`].
 pub(crate) fn write<T: Serialize>(path: &Path, value: &T) -> Result<(), FileError> {
     let unwritable = |reason: String| FileError::Unwritable { path: path.to_owned(), reason };
-    let text = toml::to_string_pretty(value).map_err(|e| unwritable(e.to_string()))?;
+    let text = toml::to_string(value).map_err(|e| unwritable(e.to_string()))?;
+    let text = lay_out(&text).map_err(|e| unwritable(e.to_string()))?;
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(".part");
     std::fs::write(&temporary, text).and_then(|()| std::fs::rename(&temporary, path)).map_err(|e| {

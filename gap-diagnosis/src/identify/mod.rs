@@ -545,7 +545,9 @@ impl<'a> Session<'a> {
                 note: why_unseen(free.quantity, &fitted_chain, &reach_v),
             });
             let record = free.quantity.record(&mut model);
-            record.source = format!("not seen by {}; kept at: {}", names.join(", "), record.source);
+            record.source = format!("not seen by {}; {}", names.join(", "), record.source);
+            // What nobody has seen is as uncertain as its prior, whatever a guess may have assumed.
+            record.sigma = record.sigma.map(|sigma| sigma.max(free.prior_sigma));
         }
         let order: Vec<String> = std::iter::once("mass_kg".into())
             .chain(Quantity::of(&self.nominal).into_iter().map(Quantity::name))

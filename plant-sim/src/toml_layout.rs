@@ -1,0 +1,58 @@
+//! How a written parameter file looks: one line per number, with its uncertainty and source, numbers short enough to read.
+
+use toml_edit::{DocumentMut, Item, Table, Value};
+
+/// Lays `text` out anew; the values stay the same to the last bit.
+pub(crate) fn lay_out(text: &str) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    lay_out_table(document.as_table_mut());
+    Ok(document.to_string())
+}
+
+fn lay_out_table(table: &mut Table) {
+    for (_, item) in table.iter_mut() {
+        match item {
+            Item::Table(record) if record.contains_key("value") => {
+                let mut record = std::mem::take(record).into_inline_table();
+                record.iter_mut().for_each(|(_, value)| shorten(value));
+                record.fmt();
+                *item = Item::Value(Value::InlineTable(record));
+            }
+            Item::Table(inner) => lay_out_table(inner),
+            Item::ArrayOfTables(tables) => tables.iter_mut().for_each(lay_out_table),
+            Item::Value(value) => shorten(value),
+            Item::None => {}
+        }
+    }
+}
+
+/// Rewrites a float that needs many zeros in scientific notation, which Rust prints with as few digits as identify it.
+fn shorten(value: &mut Value) {
+    match value {
+        Value::Float(float) => {
+            let number = *float.value();
+            let plain = number.abs() >= 1e-3 && number.abs() < 1e6 || number == 0.0;
+            let text = if plain { format!("{number:?}") } else { format!("{number:e}") };
+            if let Ok(shorter) = text.parse::<Value>()
+                && shorter.as_float() == Some(number)
+            {
+                *value = shorter;
+            }
+        }
+        Value::Array(array) => array.iter_mut().for_each(shorten),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn records_stand_on_one_line_and_keep_their_bits() {
+        let text = "[a]\nb = 0.00000055315\n[a.c]\nvalue = 0.0000005531529038742114\nsource = \"x\"\n";
+        let laid_out = super::lay_out(text).expect("valid TOML");
+        assert!(laid_out.contains("c = { value = 5.531529038742114e-7, source = \"x\" }"), "{laid_out}");
+        let before: toml::Table = text.parse().expect("valid TOML");
+        let after: toml::Table = laid_out.parse().expect("valid TOML");
+        assert_eq!(before, after);
+    }
+}
