@@ -99,14 +99,7 @@ fn main() -> std::io::Result<()> {
         rms_um,
         fit_percent: 97.12,
     };
-    let parameter = |name, unit, value, sigma, prior, unseen| FittedParameter {
-        name,
-        unit,
-        value,
-        sigma,
-        prior: Some((prior, 0.02)),
-        unseen,
-    };
+    let parameter = |name, unit, value, sigma, prior, note| FittedParameter { name, unit, value, sigma, prior, note };
     let starts: Vec<StartView> = (0..20)
         .map(|k| StartView {
             initial_rms_um: 6.0 + f64::from((k * 7) % 20),
@@ -119,18 +112,18 @@ fn main() -> std::io::Result<()> {
         headline: "Noise floor not reached on either log; four of six parameters are well seen.",
         logs: &[log("model.csv"), log("ladder.csv")],
         parameters: &[
-            parameter("k0", "N/m", 1.234e6, Some(0.0012), 1.2e6, None),
-            parameter("k1", "N/m", 2.5e5, Some(0.013), 2.9e5, None),
-            parameter("d1", "N s/m", 71.2, Some(0.41), 70.0, None),
-            parameter("beta1", "", 1.0, None, 1.0, Some("its dead zone opens in none of the logs")),
-            parameter("gamma2", "µm", 3.21e-7, Some(0.02), 3.2e-7, None),
+            parameter("k0", "N/m", 1.234e6, Some(0.0012), 1.2e6, "fitted"),
+            parameter("k1", "N/m", 2.5e5, Some(0.013), 2.9e5, "fitted"),
+            parameter("d1", "N s/m", 71.2, Some(0.41), 70.0, "fitted"),
+            parameter("beta1", "", 1.0, None, 1.0, "these logs can't see it; kept at its prior: its dead zone never opens"),
+            parameter("gamma2", "µm", 3.21e-7, Some(0.02), 3.2e-7, "fitted"),
             FittedParameter {
                 name: "latency",
                 unit: "µs",
                 value: 88.13,
                 sigma: Some(0.004),
-                prior: None,
-                unseen: None,
+                prior: 90.0,
+                note: "fitted",
             },
         ],
         starts: &starts,

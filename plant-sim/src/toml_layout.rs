@@ -10,13 +10,15 @@ pub(crate) fn lay_out(text: &str) -> Result<String, toml_edit::TomlError> {
 }
 
 fn lay_out_table(table: &mut Table) {
-    for (_, item) in table.iter_mut() {
+    for (mut key, item) in table.iter_mut() {
         match item {
             Item::Table(record) if record.contains_key("value") => {
                 let mut record = std::mem::take(record).into_inline_table();
                 record.iter_mut().for_each(|(_, value)| shorten(value));
                 record.fmt();
                 *item = Item::Value(Value::InlineTable(record));
+                // It was a header; as a key it has no spaces around it yet.
+                key.fmt();
             }
             Item::Table(inner) => lay_out_table(inner),
             Item::ArrayOfTables(tables) => tables.iter_mut().for_each(lay_out_table),
@@ -50,7 +52,7 @@ mod tests {
     fn records_stand_on_one_line_and_keep_their_bits() {
         let text = "[a]\nb = 0.00000055315\n[a.c]\nvalue = 0.0000005531529038742114\nsource = \"x\"\n";
         let laid_out = super::lay_out(text).expect("valid TOML");
-        assert!(laid_out.contains("c = { value = 5.531529038742114e-7, source = \"x\" }"), "{laid_out}");
+        assert!(laid_out.contains("\nc = { value = 5.531529038742114e-7, source = \"x\" }"), "{laid_out}");
         let before: toml::Table = text.parse().expect("valid TOML");
         let after: toml::Table = laid_out.parse().expect("valid TOML");
         assert_eq!(before, after);

@@ -3,7 +3,7 @@
 use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
-use gap_diagnosis::identify::{self, Fit, From, Options, Verdict};
+use gap_diagnosis::identify::{self, Fit, From, LogFit, Options, Verdict};
 use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, StartView, four_digits, identify_page};
 use plant_sim::log::{self, Log};
 use plant_sim::model::Model;
@@ -53,27 +53,22 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
 
 /// What the fit is judged by.
 fn facts(fit: &Fit) -> Vec<(String, String)> {
-    let mut facts = Vec::new();
-    for log in &fit.logs {
-        let outside = log.autocorrelation.outside();
-        facts.push((
-            log.name.clone(),
-            format!(
-                "fit {}, rms {}, noise {}; residual correlated at {outside} of {} lags (99 % region)",
-                four_digits(log.fit_percent, "%"),
-                four_digits(log.rms_m * 1e6, "um"),
-                four_digits(log.noise_m * 1e6, "um"),
-                log.autocorrelation.correlation.len() - 1,
-            ),
-        ));
-    }
-    let ends: Vec<String> = fit.starts_rms_m.iter().map(|r| four_digits(r * 1e6, "um")).collect();
-    facts.extend([
-        ("AIC, BIC".to_owned(), format!("{:.1}, {:.1}", fit.aic, fit.bic)),
-        ("starts ended at".to_owned(), ends.join(", ")),
-        ("simulations, seed".to_owned(), format!("{}, {}", fit.simulations, fit.seed)),
-    ]);
-    facts
+    let worst = |value: fn(&LogFit) -> f64| fit.logs.iter().map(value).fold(f64::INFINITY, f64::min);
+    let largest = |value: fn(&LogFit) -> f64| fit.logs.iter().map(value).fold(0.0, f64::max);
+    let lags: usize = fit.logs.iter().map(|l| l.autocorrelation.correlation.len() - 1).sum();
+    let outside: usize = fit.logs.iter().map(|l| l.autocorrelation.outside()).sum();
+    let reached = fit.starts_rms_m.iter().filter(|rms| **rms < 1.01 * fit.starts_rms_m[0]).count();
+    vec![
+        ("fit".to_owned(), four_digits(worst(|l| l.fit_percent), "%")),
+        ("rms residual".to_owned(), four_digits(largest(|l| l.rms_m) * 1e6, "um")),
+        ("noise".to_owned(), four_digits(largest(|l| l.noise_m) * 1e6, "um")),
+        ("correlated lags".to_owned(), format!("{outside} of {lags}")),
+        ("AIC".to_owned(), format!("{:.0}", fit.aic)),
+        ("BIC".to_owned(), format!("{:.0}", fit.bic)),
+        ("searches that ended there".to_owned(), format!("{reached} of {}", fit.starts_rms_m.len())),
+        ("simulations".to_owned(), fit.simulations.to_string()),
+        ("seed".to_owned(), fit.seed.to_string()),
+    ]
 }
 
 fn print(fit: &Fit, facts: &[(String, String)]) {
@@ -168,23 +163,20 @@ fn page(
             autocorrelation: &fitted.autocorrelation.correlation,
             n_residuals: log.len() - fitted.run_in_rows,
             rms_um: fitted.rms_m * 1e6,
+            noise_um: fitted.noise_m * 1e6,
             fit_percent: fitted.fit_percent,
         })
         .collect();
     let parameters: Vec<FittedParameter<'_>> = fit
         .parameters
         .iter()
-        .map(|p| {
-            // The unit is the last word of the name.
-            let (name, unit) = p.name.split_once('_').unwrap_or((&p.name, ""));
-            FittedParameter {
-                name,
-                unit,
-                value: p.value,
-                sigma: (p.verdict != Verdict::Unseen).then(|| p.sigma / p.value.abs()),
-                prior: (p.verdict != Verdict::Given).then_some((p.prior, f64::NAN)),
-                unseen: (p.verdict == Verdict::Unseen).then_some(p.note.as_str()),
-            }
+        .map(|p| FittedParameter {
+            name: &p.words.0,
+            unit: p.words.1,
+            value: p.value,
+            sigma: (p.verdict != Verdict::Unseen).then(|| p.sigma / p.value.abs()),
+            prior: p.prior,
+            note: &p.note,
         })
         .collect();
     let starts: Vec<StartView> = fit

@@ -17,7 +17,7 @@ use parameters::{Free, Quantity, Scale, StartCoordinates};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 use plant_sim::metrics::{Score, rms};
-use plant_sim::model::{InitialStateSection, Model};
+use plant_sim::model::Model;
 use plant_sim::param::Param;
 use plant_sim::replay::{Initial, Start};
 use problem::{Problem, Record, spread_m};
@@ -154,6 +154,8 @@ pub enum Verdict {
 pub struct Fitted {
     /// Name with unit, as in the model file.
     pub name: String,
+    /// The same in words, and the unit as a reader writes it.
+    pub words: (String, &'static str),
     /// Value in that unit.
     pub value: f64,
     /// Standard deviation in that unit.
@@ -495,6 +497,7 @@ impl<'a> Session<'a> {
         let source = format!("identified from {}", names.join(", "));
         let mut parameters = vec![Fitted {
             name: "mass_kg".into(),
+            words: ("mass".into(), "kg"),
             value: self.chain.plant.mass_kg,
             sigma: self.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
             prior: self.chain.plant.mass_kg,
@@ -520,6 +523,7 @@ impl<'a> Session<'a> {
             let dim = coordinate_sigma > UNSEEN * free.prior_sigma;
             parameters.push(Fitted {
                 name: free.quantity.name(),
+                words: free.quantity.words(),
                 value: value * per_si,
                 sigma,
                 prior: free.prior * per_si,
@@ -535,6 +539,7 @@ impl<'a> Session<'a> {
             let per_si = free.quantity.per_si();
             parameters.push(Fitted {
                 name: free.quantity.name(),
+                words: free.quantity.words(),
                 value: free.prior * per_si,
                 sigma: match free.scale {
                     Scale::Log { .. } => free.prior * per_si * free.prior_sigma,
@@ -557,15 +562,6 @@ impl<'a> Session<'a> {
         let offset_m = logs.iter().map(|l| l.offset_m).sum::<f64>() / logs.len() as f64;
         model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, logs[0].noise_m * 1e6, &source));
         model.sensor.noise_um = Some(Param::new(logs[0].noise_m * 1e6, 0.1, &source));
-        if logs.len() == 1 {
-            let start = &logs[0].start;
-            model.initial_state = Some(InitialStateSection {
-                displacement_um: start.state.displacement_m * 1e6,
-                velocity_um_per_s: start.state.velocity_m_per_s * 1e6,
-                hysteron_v: start.state.hysteron_v.clone(),
-                drive_v: start.drive_v,
-            });
-        }
         let rows = problem.data_rows() as f64;
         let count = z.len() as f64;
         let residual_m: Vec<f64> = (0..records.len()).flat_map(|i| problem.residual_m(i)).collect();

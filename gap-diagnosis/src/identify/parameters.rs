@@ -65,6 +65,19 @@ impl Quantity {
         }
     }
 
+    /// The same in words, and its unit.
+    pub fn words(self) -> (String, &'static str) {
+        match self {
+            Quantity::Stiffness => ("stiffness".into(), "N/m"),
+            Quantity::Damping => ("damping".into(), "N s/m"),
+            Quantity::Transduction => ("transduction".into(), "C/m"),
+            Quantity::Capacitance(i) => (format!("capacitance, hysteron {}", i + 1), "F"),
+            Quantity::Slope(i) => (format!("slope, hysteron {}", i + 1), "S"),
+            Quantity::DeadZone(i) => (format!("dead zone, hysteron {}", i + 1), "V"),
+            Quantity::Delay => ("delay".into(), "us"),
+        }
+    }
+
     /// Factor from SI to the unit of the model file.
     pub fn per_si(self) -> f64 {
         if self == Quantity::Delay { 1e6 } else { 1.0 }

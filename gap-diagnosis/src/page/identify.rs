@@ -23,6 +23,8 @@ pub struct FittedLog<'a> {
     pub n_residuals: usize,
     /// Root mean square of the residual.
     pub rms_um: f64,
+    /// Root mean square of the log's noise.
+    pub noise_um: f64,
     /// 100 (1 - rms of the residual / standard deviation of the displacement).
     pub fit_percent: f64,
 }
@@ -30,7 +32,7 @@ pub struct FittedLog<'a> {
 /// One row of the parameter table.
 #[derive(Debug, Clone, Copy)]
 pub struct FittedParameter<'a> {
-    /// As in the model file.
+    /// In words.
     pub name: &'a str,
     /// Unit, empty for a pure number.
     pub unit: &'a str,
@@ -38,10 +40,10 @@ pub struct FittedParameter<'a> {
     pub value: f64,
     /// Its relative standard deviation; `None` if the data leave it open.
     pub sigma: Option<f64>,
-    /// Value before the fit and its relative standard deviation.
-    pub prior: Option<(f64, f64)>,
-    /// Why the data do not see it, in plain words; it then stands at its prior.
-    pub unseen: Option<&'a str>,
+    /// Value before the fit.
+    pub prior: f64,
+    /// What became of it, in plain words.
+    pub note: &'a str,
 }
 
 /// One start of the search.
@@ -87,8 +89,8 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
     page.section("Parameters");
     let rows: Vec<Vec<String>> = view.parameters.iter().map(parameter_row).collect();
     page.table(
-        "Fitted values; sigma is one standard deviation, 'from prior' is how far the fit moved, in prior standard deviations",
-        &["parameter", "value", "sigma", "prior", "from prior", "remark"],
+        "Values with one standard deviation; what these logs can't see stays where it was before the fit and has none.",
+        &["parameter", "value", "sigma", "before", "change", "remark"],
         &rows,
     );
 
@@ -101,11 +103,12 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
                 log.name.to_owned(),
                 count(log.n_residuals),
                 four_digits(log.rms_um, "µm"),
+                four_digits(log.noise_um, "µm"),
                 four_digits(log.fit_percent, "%"),
             ]
         })
         .collect();
-    page.table("How well each log is reproduced", &["log", "samples", "rms residual", "fit"], &rows);
+    page.table("How well each log is reproduced", &["log", "samples", "rms residual", "noise", "fit"], &rows);
     convergence(&mut page, view.starts);
 
     for (log_idx, log) in view.logs.iter().enumerate() {
@@ -128,43 +131,19 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
 }
 
 fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
-    let from_prior =
-        match (parameter.unseen, parameter.prior.and_then(|prior| distance_in_sigma(parameter.value, prior))) {
-            (None, Some(distance)) => format!("{distance:+.1} σ").replace('-', "−"),
-            _ => "–".to_owned(),
-        };
-    let remark = match parameter.unseen {
-        Some(reason) => format!("not seen, kept at its prior: {reason}"),
-        // Beyond three prior standard deviations the prior, the model or the log is wrong: a reader should ask which.
-        None if parameter
-            .prior
-            .and_then(|prior| distance_in_sigma(parameter.value, prior))
-            .is_some_and(|distance| distance.abs() > 3.0) =>
-        {
-            "far from its prior".to_owned()
-        }
-        None if parameter.sigma.is_some_and(|sigma| sigma > 0.3) => "poorly seen".to_owned(),
-        None => String::new(),
-    };
-    let percent = |sigma: Option<f64>| sigma.map_or("–".to_owned(), |sigma| format!("± {}", percent_of_sigma(sigma)));
+    let change = 100.0 * (parameter.value / parameter.prior - 1.0);
     vec![
         parameter.name.to_owned(),
         four_digits(parameter.value, parameter.unit),
-        percent(parameter.sigma.filter(|_| parameter.unseen.is_none())),
-        parameter.prior.map_or("–".to_owned(), |(value, sigma)| {
-            format!("{} ± {}", four_digits(value, ""), percent_of_sigma(sigma))
-        }),
-        from_prior,
-        remark,
+        parameter.sigma.map_or("–".to_owned(), |sigma| format!("± {}", percent_of_sigma(sigma))),
+        four_digits(parameter.prior, parameter.unit),
+        if change.is_finite() && change != 0.0 {
+            format!("{change:+.1} %").replace('-', "−")
+        } else {
+            "–".to_owned()
+        },
+        parameter.note.to_owned(),
     ]
-}
-
-/// How many prior standard deviations the fit moved. Positive parameters are fitted as logarithms, so a factor of two up and one
-/// down are the same distance.
-fn distance_in_sigma(value: f64, (prior, sigma): (f64, f64)) -> Option<f64> {
-    let distance =
-        if value > 0.0 && prior > 0.0 { (value / prior).ln() / sigma } else { (value - prior) / (prior.abs() * sigma) };
-    distance.is_finite().then_some(distance)
 }
 
 fn convergence(page: &mut Page, starts: &[StartView]) {
@@ -197,26 +176,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distance_from_the_prior() {
-        let doubled = distance_in_sigma(2.0, (1.0, 0.1)).expect("finite");
-        let halved = distance_in_sigma(0.5, (1.0, 0.1)).expect("finite");
-        assert!((doubled + halved).abs() < 1e-12 && doubled > 6.9);
-        assert_eq!(distance_in_sigma(-1.5, (-1.0, 0.25)), Some(-2.0));
-        assert_eq!(distance_in_sigma(1.0, (0.0, 0.1)), None);
-    }
-
-    #[test]
-    fn an_unseen_parameter_says_so_and_claims_no_sigma() {
-        let row = parameter_row(&FittedParameter {
-            name: "beta1",
-            unit: "",
-            value: 1.0,
-            sigma: Some(0.5),
-            prior: Some((1.0, 0.02)),
-            unseen: Some("its dead zone never opens"),
-        });
-        assert_eq!(row[2], "–");
-        assert_eq!(row[4], "–");
-        assert_eq!(row[5], "not seen, kept at its prior: its dead zone never opens");
+    fn a_parameter_that_stayed_shows_no_change_and_one_without_sigma_claims_none() {
+        let kept = FittedParameter { name: "slope 1", unit: "S", value: 1.0, sigma: None, prior: 1.0, note: "unseen" };
+        assert_eq!(parameter_row(&kept)[2..], ["–", "1.000 S", "–", "unseen"]);
+        let halved = FittedParameter { value: 0.5, sigma: Some(0.1), ..kept };
+        assert_eq!(parameter_row(&halved)[4], "−50.0 %");
+        let from_zero = FittedParameter { prior: 0.0, ..kept };
+        assert_eq!(parameter_row(&from_zero)[4], "–");
     }
 }
