@@ -7,7 +7,7 @@ mod commands;
 mod failure;
 mod output;
 
-use arguments::{Arguments, Command};
+use arguments::Arguments;
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -20,13 +20,7 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { failure::WRONG_CALL } else { 0 });
         }
     };
-    let done = match arguments.command {
-        None => commands::demo(),
-        Some(Command::Simulate(call)) => commands::simulate(&call),
-        Some(Command::Replay(call)) => commands::replay(&call),
-        Some(Command::Identify(call)) => commands::identify(&call),
-    };
-    match done {
+    match commands::run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("hysteron: {}", failure.line());

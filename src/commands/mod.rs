@@ -5,7 +5,15 @@ mod identify;
 mod replay;
 mod simulate;
 
-pub use demo::demo;
-pub use identify::identify;
-pub use replay::replay;
-pub use simulate::simulate;
+use crate::arguments::{Arguments, Command};
+use crate::failure::Failure;
+
+/// Does what was asked for; without a command, shows what could be.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match &arguments.command {
+        None => demo::demo(),
+        Some(Command::Simulate(call)) => simulate::simulate(call),
+        Some(Command::Replay(call)) => replay::replay(call),
+        Some(Command::Identify(call)) => identify::identify(call),
+    }
+}

@@ -206,12 +206,26 @@ pub struct Fit {
     pub aic: f64,
     /// See `aic`.
     pub bic: f64,
-    /// The Bayesian criterion counted in independent samples; what `Hysterons::Auto` goes by.
-    pub bic_independent: f64,
+    /// Scored rows that count, were they independent.
+    pub independent_samples: f64,
+    /// Coordinates fitted, the logs' offsets and starts included.
+    pub coordinates: usize,
+    /// Rms over all logs, metres.
+    pub rms_m: f64,
     /// Logs simulated on the way.
     pub simulations: usize,
     /// Seed of the starts.
     pub seed: u64,
+}
+
+impl Fit {
+    /// Whether the logs prefer this fit to `other` although it may have more coordinates: the Bayesian criterion, counted in
+    /// independent samples, the fewer of the two.
+    fn beats(&self, other: &Fit) -> bool {
+        let samples = self.independent_samples.min(other.independent_samples);
+        let criterion = |fit: &Fit| samples * 2.0 * fit.rms_m.ln() + fit.coordinates as f64 * samples.ln();
+        criterion(self) < criterion(other)
+    }
 }
 
 /// What a long fit tells while it runs: a phase in words, and the simulations so far.
@@ -244,12 +258,13 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
                     let mut worse_in_a_row = 0;
                     for n in 1..=MOST_HYSTERONS {
                         let next = guessed(n)?;
-                        if next.bic_independent < best.bic_independent {
+                        if next.beats(&best) {
                             best = next;
                             worse_in_a_row = 0;
                         } else {
                             worse_in_a_row += 1;
-                            if worse_in_a_row == 2 {
+                            // One hysteron alone may be no better than none; two are where the thesis begins.
+                            if n > 1 || worse_in_a_row == 2 {
                                 break;
                             }
                         }
@@ -461,19 +476,28 @@ impl<'a> Session<'a> {
         starts_rms_m: Vec<f64>,
     ) -> Fit {
         let z = problem.coordinates_now();
-        let sigma = covariance(&problem).map(|c| c.diagonal().map(f64::sqrt));
-        // What has moved away from its prior by more than it is uncertain was moved by the logs, if only along with others.
-        let dim =
-            |i: usize| sigma.as_ref().is_some_and(|s| s[i] > UNSEEN * free[i].prior_sigma && z[i].abs() < 2.0 * s[i]);
-        let dims: Vec<usize> = (0..free.len()).filter(|&i| dim(i)).collect();
-        if !dims.is_empty() {
-            self.say("putting unseen numbers back");
-            let seen: Vec<Free> = (0..free.len()).filter(|i| !dims.contains(i)).map(|i| free[i]).collect();
-            let unseen: Vec<Free> = hidden.iter().copied().chain(dims.iter().map(|&i| free[i])).collect();
-            let z = z.clone().remove_rows_at(&dims);
-            let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
-            if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
-                return self.report(records, &refitted, &seen, &unseen, starts_rms_m);
+        if let Some(covariance) = covariance(&problem) {
+            let dim = |i: usize, reach: f64| {
+                let sigma = covariance[(i, i)].sqrt();
+                i < free.len() && sigma > UNSEEN * free[i].prior_sigma && z[i].abs() < reach * sigma
+            };
+            // What has moved away from its prior by more than it is uncertain was moved by the logs, if only along with others.
+            // If even the rest can't go back together (a hysteron would open that the logs keep shut), what never moved can.
+            for reach in [2.0, 0.05] {
+                let (dims, lit): (Vec<usize>, Vec<usize>) = (0..z.len()).partition(|&i| dim(i, reach));
+                if dims.is_empty() {
+                    break;
+                }
+                self.say("putting unseen numbers back");
+                let pick =
+                    |indices: &[usize]| indices.iter().filter_map(|&i| free.get(i).copied()).collect::<Vec<Free>>();
+                let seen = pick(&lit);
+                let z = with_set_to_zero(&covariance, z, &dims, &lit);
+                let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
+                if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
+                    let unseen: Vec<Free> = hidden.iter().copied().chain(pick(&dims)).collect();
+                    return self.report(records, &refitted, &seen, &unseen, starts_rms_m);
+                }
             }
         }
         self.report(records, &problem, free, &hidden, starts_rms_m)
@@ -577,7 +601,9 @@ impl<'a> Session<'a> {
             starts_rms_m,
             aic: rows * log_mean_square + 2.0 * count,
             bic: rows * log_mean_square + count * rows.ln(),
-            bic_independent: independent * log_mean_square + count * independent.ln(),
+            independent_samples: independent,
+            coordinates: z.len(),
+            rms_m: rms(residual_m),
             simulations: self.simulations.load(Ordering::Relaxed),
             seed: self.options.seed,
         }
@@ -689,6 +715,14 @@ fn covariance(problem: &Problem<'_>) -> Option<DMatrix<f64>> {
         information[(i, i)] += 1.0 / (sigma * sigma);
     }
     information.cholesky().map(|c| c.inverse())
+}
+
+/// The coordinates `kept` of `z` once those in `zeroed` are zero, to first order: what their covariance carries along.
+fn with_set_to_zero(covariance: &DMatrix<f64>, z: &DVector<f64>, zeroed: &[usize], kept: &[usize]) -> DVector<f64> {
+    let block = |rows: &[usize]| DMatrix::from_fn(rows.len(), zeroed.len(), |i, j| covariance[(rows[i], zeroed[j])]);
+    let back = DVector::from_fn(zeroed.len(), |i, _| -z[zeroed[i]]);
+    let along = block(zeroed).cholesky().map_or(DVector::zeros(kept.len()), |c| block(kept) * c.solve(&back));
+    DVector::from_fn(kept.len(), |i, _| z[kept[i]]) + along
 }
 
 fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
