@@ -97,6 +97,7 @@ fn main() -> std::io::Result<()> {
         autocorrelation: &correlation,
         n_residuals: residual_um.len(),
         rms_um,
+        noise_um: 0.02,
         fit_percent: 97.12,
     };
     let parameter = |name, unit, value, sigma, prior, note| FittedParameter { name, unit, value, sigma, prior, note };

@@ -124,7 +124,7 @@ mod tests {
         let white = Autocorrelation::of(&white(20_000), LAGS);
         assert!(white.outside() <= 4, "{}", white.outside());
         assert!(samples_per_independent(&self::white(20_000)) < 1.2);
-        let sine: Vec<f64> = (0..20_000).map(|k| (k as f64 * 0.05).sin()).collect();
+        let sine: Vec<f64> = (0..20_000).map(|k| (f64::from(k) * 0.05).sin()).collect();
         assert!(Autocorrelation::of(&sine, LAGS).outside() > 40);
     }
 

@@ -1,0 +1,181 @@
+//! What a search found, in numbers and words: values with sigma, what is unseen and why, how well each log is replayed.
+
+use super::parameters::{Free, Quantity, Scale};
+use super::problem::{Problem, Record};
+use super::search::{Session, UNSEEN, covariance};
+use super::{Fit, Fitted, LogFit, Verdict};
+use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
+use plant_sim::chain::Chain;
+use plant_sim::metrics::{Score, rms};
+use plant_sim::param::Param;
+use plant_sim::replay::Player;
+use std::sync::atomic::Ordering;
+
+/// Puts into words and numbers what a search found.
+pub(super) fn report(
+    session: &Session<'_>,
+    records: &[Record<'_>],
+    problem: &Problem<'_>,
+    free: &[Free],
+    unseen: &[Free],
+    starts_rms_m: Vec<f64>,
+) -> Fit {
+    let z = problem.coordinates_now();
+    let covariance = covariance(problem);
+    let fitted_chain = problem.chain(z);
+    let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
+    let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);
+    let mut model = session.nominal.clone();
+    let names: Vec<&str> = session.logs.iter().map(|l| l.name.as_str()).collect();
+    let source = format!("identified from {}", names.join(", "));
+    let mut parameters = vec![Fitted {
+        name: "mass_kg".into(),
+        words: ("mass".into(), "kg"),
+        value: session.chain.plant.mass_kg,
+        sigma: session.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
+        prior: session.chain.plant.mass_kg,
+        verdict: Verdict::Given,
+        note: "given; displacement alone determines only ratios to the mass".into(),
+    }];
+    for (i, free) in free.iter().enumerate() {
+        let coordinate_sigma = covariance.as_ref().map_or(f64::NAN, |c| c[(i, i)].sqrt());
+        let (value, per_si) = (free.at(z[i]), free.quantity.per_si());
+        let number_sigma = free.number_sigma(z[i], coordinate_sigma);
+        let record = free.quantity.record(&mut model);
+        let sigma = match free.scale {
+            Scale::Log { .. } => {
+                *record = Param::new(value * per_si, number_sigma, &source);
+                number_sigma * value * per_si
+            }
+            Scale::NotNegative { .. } => {
+                *record = Param::absolute(value * per_si, number_sigma * per_si, &source);
+                number_sigma * per_si
+            }
+        };
+        let at_bound = free.at_bound(z[i]);
+        let dim = coordinate_sigma > UNSEEN * free.prior_sigma;
+        parameters.push(Fitted {
+            name: free.quantity.name(),
+            words: free.quantity.words(),
+            value: value * per_si,
+            sigma,
+            prior: free.prior * per_si,
+            verdict: if at_bound { Verdict::AtBound } else { Verdict::Fitted },
+            note: match (at_bound, dim) {
+                (true, _) => "at its bound: start nearer to it (--plant), or the model lacks an effect".into(),
+                (false, true) => "fitted together with others; by itself these logs hardly see it".into(),
+                (false, false) => "fitted".into(),
+            },
+        });
+    }
+    for free in unseen {
+        let per_si = free.quantity.per_si();
+        parameters.push(Fitted {
+            name: free.quantity.name(),
+            words: free.quantity.words(),
+            value: free.prior * per_si,
+            sigma: match free.scale {
+                Scale::Log { .. } => free.prior * per_si * free.prior_sigma,
+                Scale::NotNegative { unit } => free.prior_sigma * unit * per_si,
+            },
+            prior: free.prior * per_si,
+            verdict: Verdict::Unseen,
+            note: why_unseen(free.quantity, &fitted_chain, &reach_v),
+        });
+        let record = free.quantity.record(&mut model);
+        record.source = format!("not seen by {}; {}", names.join(", "), record.source);
+        // What nobody has seen is as uncertain as its prior, whatever a guess may have assumed.
+        record.sigma = record.sigma.map(|sigma| sigma.max(free.prior_sigma));
+    }
+    let order: Vec<String> = std::iter::once("mass_kg".into())
+        .chain(Quantity::of(&session.nominal).into_iter().map(Quantity::name))
+        .collect();
+    parameters.sort_by_key(|p| order.iter().position(|name| *name == p.name).unwrap_or(usize::MAX));
+
+    let offset_m = logs.iter().map(|l| l.offset_m).sum::<f64>() / logs.len() as f64;
+    model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, logs[0].noise_m * 1e6, &source));
+    model.sensor.noise_um = Some(Param::new(logs[0].noise_m * 1e6, 0.1, &source));
+    let rows = problem.data_rows() as f64;
+    let count = z.len() as f64;
+    let residual_m: Vec<f64> = (0..records.len()).flat_map(|i| problem.residual_m(i)).collect();
+    let log_mean_square = 2.0 * rms(residual_m.iter().copied()).ln();
+    let independent: f64 = (0..records.len())
+        .map(|i| problem.residual_m(i))
+        .map(|residual| residual.len() as f64 / samples_per_independent(&residual))
+        .sum();
+    Fit {
+        model,
+        parameters,
+        logs,
+        starts_rms_m,
+        aic: rows * log_mean_square + 2.0 * count,
+        bic: rows * log_mean_square + count * rows.ln(),
+        independent_samples: independent,
+        coordinates: z.len(),
+        rms_m: rms(residual_m),
+        simulations: session.simulations.load(Ordering::Relaxed),
+        seed: session.options.seed,
+    }
+}
+
+fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
+    let predicted_m = problem.prediction_m(index, problem.coordinates_now());
+    let mut score = Score::default();
+    for (y, p) in record.log.displacement_m.iter().zip(&predicted_m).skip(record.run_in) {
+        score.add(*y, *p);
+    }
+    let (offset_m, start) = problem.own_start(index);
+    LogFit {
+        name: record.log.name.clone(),
+        predicted_m,
+        run_in_rows: record.run_in,
+        rms_m: score.rms_m(false),
+        fit_percent: score.fit_percent(false),
+        noise_m: record.noise_m,
+        offset_m,
+        start,
+        autocorrelation: Autocorrelation::of(&problem.residual_m(index), LAGS),
+    }
+}
+
+/// Largest voltage that each hysteron reaches in any log: whether its dead zone ever opens.
+fn largest_hysteron_voltages(records: &[Record<'_>], problem: &Problem<'_>, chain: &Chain) -> Vec<f64> {
+    let mut largest = vec![0.0f64; chain.plant.hysterons.len()];
+    for (index, record) in records.iter().enumerate() {
+        let (_, start) = problem.own_start(index);
+        let log = record.log;
+        let mut player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, &start);
+        for (k, &u) in log.command_v.iter().enumerate() {
+            let next = log.command_v.get(k + 1).copied().unwrap_or(u);
+            player.row(u, next, log.force_n.as_ref().map_or(0.0, |f| f[k]));
+            for (largest, v) in largest.iter_mut().zip(player.hysteron_v()) {
+                *largest = largest.max(v.abs());
+            }
+        }
+    }
+    largest
+}
+
+fn why_unseen(quantity: Quantity, chain: &Chain, reach_v: &[f64]) -> String {
+    let kept = "these logs can't see it; kept at its prior";
+    if matches!(quantity, Quantity::Stiffness | Quantity::Damping) {
+        return format!("{kept}: they show no resonance, so only alpha/k is theirs to say");
+    }
+    let (Quantity::DeadZone(i) | Quantity::Slope(i)) = quantity else { return kept.into() };
+    let (hysteron, reach_v) = (&chain.plant.hysterons[i], reach_v[i]);
+    if reach_v < hysteron.edge_v() {
+        return format!(
+            "{kept}: hysteron {} reaches {reach_v:.2} V and never opens at {:.2} V; drive it further",
+            i + 1,
+            hysteron.edge_v()
+        );
+    }
+    match quantity {
+        Quantity::Slope(_) => format!(
+            "{kept}: once open, hysteron {} follows within {:.1e} s, faster than the logs resolve",
+            i + 1,
+            hysteron.capacitance_f / hysteron.slope_s
+        ),
+        _ => kept.into(),
+    }
+}

@@ -1,0 +1,328 @@
+//! The search: several starts on shortened logs, the best one polished on all rows, a delay if the logs show one, and numbers that
+//! they don't show put back.
+
+use super::parameters::{Free, Quantity, Scale, StartCoordinates};
+use super::problem::{Problem, Record, spread_m};
+use super::report::report;
+use super::{Fit, IdentifyError, Options, Progress, guess, run_in_rows};
+use crate::residual::{noise_rms, samples_per_independent};
+use levenberg_marquardt::LevenbergMarquardt;
+use nalgebra::{DMatrix, DVector};
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+use plant_sim::metrics::rms;
+use plant_sim::model::Model;
+use plant_sim::replay::Initial;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bound of a logarithm around a stated plant, and around a guessed one.
+const BOUND_STATED: f64 = 0.75;
+const BOUND_GUESSED: f64 = 4.0;
+/// Spread of the random starts around a stated plant, and around a guessed one, in logarithms.
+const SPREAD_STATED: f64 = 0.3;
+const SPREAD_GUESSED: f64 = 0.7;
+/// A fit whose residual is below this multiple of the noise is at the noise.
+const AT_NOISE: f64 = 1.05;
+/// A number is unseen if the logs leave more than this fraction of its prior standard deviation.
+pub(super) const UNSEEN: f64 = 0.5;
+/// Putting unseen numbers back at their priors may cost this much chi-square; beyond, they are seen together if not one by one.
+const UNSEEN_COST: f64 = 4.0;
+/// The first descents count residuals in units of at least this fraction of the log's span, so that the priors hold them together
+/// until the fit is near; at full weight, valleys that are almost flat lead astray.
+const FIRST_UNIT: f64 = 0.003;
+/// Work of one simulation (rows times moves per row) above which the first descents use only a part of each log.
+const CHEAP: usize = 60_000;
+/// Least rows a shortened log keeps.
+const LEAST_ROWS: usize = 1500;
+/// Floor of a log's noise, metres: a noise-free simulation still has rounding.
+const LEAST_NOISE_M: f64 = 1e-12;
+/// Relative change of cost and coordinates at which a descent ends: among the starts, and for the one that is kept.
+const COARSE: f64 = 1e-5;
+pub(super) const FINE: f64 = 1e-7;
+/// Evaluations that a descent may take.
+const EVALUATIONS: usize = 60;
+/// A delay is added if it lies this many standard deviations from zero.
+const DELAY_SIGMAS: f64 = 4.0;
+/// What the nominal plant rests on.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Basis {
+    /// Somebody states it.
+    Stated,
+    /// It was guessed from the logs, which may be too slow to show a resonance.
+    Guessed { resonance_seen: bool },
+}
+
+/// One fit of one nominal plant to the logs.
+pub(super) struct Session<'a> {
+    pub(super) logs: &'a [Log],
+    pub(super) options: &'a Options,
+    pub(super) nominal: Model,
+    pub(super) chain: Chain,
+    basis: Basis,
+    pub(super) simulations: &'a AtomicUsize,
+    progress: Progress<'a>,
+}
+
+impl<'a> Session<'a> {
+    pub(super) fn new(
+        logs: &'a [Log],
+        options: &'a Options,
+        nominal: Model,
+        basis: Basis,
+        simulations: &'a AtomicUsize,
+        progress: Progress<'a>,
+    ) -> Self {
+        let mut chain = nominal.chain();
+        // The fit sees the ideal sensor; noise and quantisation are what the residual is made of.
+        chain.sensor = plant_sim::chain::Sensor::IDEAL;
+        Self { logs, options, nominal, chain, basis, simulations, progress }
+    }
+
+    fn say(&self, phase: &str) {
+        (self.progress)(phase, self.simulations.load(Ordering::Relaxed));
+    }
+
+    /// The quantities to be fitted, and those that these logs can't see at all.
+    fn free(&self) -> (Vec<Free>, Vec<Free>) {
+        let mut chain = self.chain.clone();
+        let (bound, prior_sigma) = match self.basis {
+            Basis::Stated => (BOUND_STATED, BOUND_STATED),
+            Basis::Guessed { .. } => (BOUND_GUESSED, BOUND_GUESSED / 2.0),
+        };
+        let mut free: Vec<Free> = Quantity::of(&self.nominal)
+            .into_iter()
+            .map(|quantity| Free {
+                quantity,
+                prior: *quantity.number(&mut chain),
+                scale: Scale::Log { bound },
+                prior_sigma,
+            })
+            // A number that is exactly zero (no damping, no dead zone) states a structure, not a guess.
+            .filter(|free| free.prior > 0.0)
+            .collect();
+        if chain.drive.delay_s > 0.0 {
+            free.push(self.delay());
+        }
+        // Without a resonance in the logs only alpha/k shows, and damping not at all.
+        let hidden = |f: &Free| {
+            self.basis == Basis::Guessed { resonance_seen: false }
+                && matches!(f.quantity, Quantity::Stiffness | Quantity::Damping)
+        };
+        free.into_iter().partition(|f| !hidden(f))
+    }
+
+    fn delay(&self) -> Free {
+        Free {
+            quantity: Quantity::Delay,
+            prior: self.chain.drive.delay_s,
+            scale: Scale::NotNegative { unit: self.logs[0].dt_s },
+            prior_sigma: 10.0,
+        }
+    }
+
+    fn records(&self) -> Vec<Record<'a>> {
+        self.logs.iter().map(|log| record(log, run_in_rows(log, self.options), self.options.initial, true)).collect()
+    }
+
+    pub(super) fn run(&self) -> Result<Fit, IdentifyError> {
+        let records = self.records();
+        let short = shortened(&self.chain, &records);
+        let (free, hidden) = self.free();
+        let starts = self.options.starts.max(1);
+        let hysterons = self.chain.plant.hysterons.len();
+        // The plant has the sign and size of the line at least; offsets come from it.
+        let origin = origin(&self.chain, &short, &free, self.simulations);
+        let mut random = Pcg64::seed_from_u64(self.options.seed);
+        let spread = if self.basis == Basis::Stated { SPREAD_STATED } else { SPREAD_GUESSED };
+        let mut ends: Vec<Problem<'_>> = Vec::new();
+        for start in 0..starts {
+            self.say(&format!("{hysterons} hysterons, start {} of {starts}", start + 1));
+            let mut z = origin.clone();
+            if start > 0 {
+                for coordinate in z.iter_mut().take(free.len()) {
+                    *coordinate += random.random_range(-spread..spread);
+                }
+            }
+            let end = descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE);
+            if !at_noise(&short, &end) {
+                // A start state that an early step got wrong holds the rest in a near miss: try again from where it began.
+                let mut z = end.coordinates_now().clone();
+                let own = free.len()..z.len();
+                z.rows_range_mut(own.clone()).copy_from(&origin.rows_range(own));
+                ends.push(descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE));
+            }
+            ends.push(end);
+            if ends.iter().rev().take(2).any(|end| at_noise(&short, end)) {
+                break;
+            }
+        }
+        ends.retain(|p| p.cost().is_finite());
+        ends.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let starts_rms_m: Vec<f64> = ends.iter().map(|p| rms((0..short.len()).flat_map(|i| p.residual_m(i)))).collect();
+        let Some(best) = ends.first() else {
+            return Err(IdentifyError::NoFit { starts });
+        };
+        self.say(&format!("{hysterons} hysterons, polishing"));
+        let mut z = best.coordinates_now().clone();
+        let mut problem = Problem::new(&records, &free, &self.chain, self.simulations, z.clone());
+        drop(ends);
+        // What one independent sample is uncertain by is known once the fit is near; twice, because the fit moves with it.
+        let weighed = weigh(&records, &problem);
+        problem = descend(Problem::new(&weighed, &free, &self.chain, self.simulations, z.clone()), FINE);
+        let records = weigh(&weighed, &problem);
+        z = problem.coordinates_now().clone();
+        let problem = descend(Problem::new(&records, &free, &self.chain, self.simulations, z), FINE);
+        if !free.iter().any(|f| f.quantity == Quantity::Delay)
+            && let Some(z) = self.with_delay(&records, &free, problem.coordinates_now())
+        {
+            self.say(&format!("{hysterons} hysterons, with a delay"));
+            let mut delayed = free.clone();
+            delayed.push(self.delay());
+            let found = descend(Problem::new(&records, &delayed, &self.chain, self.simulations, z), FINE);
+            if found.cost() + DELAY_SIGMAS * DELAY_SIGMAS < problem.cost() {
+                let weighed = weigh(&records, &found);
+                let z = found.coordinates_now().clone();
+                let problem = descend(Problem::new(&weighed, &delayed, &self.chain, self.simulations, z), FINE);
+                return Ok(self.finish(&weighed, problem, &delayed, hidden, starts_rms_m));
+            }
+        }
+        Ok(self.finish(&records, problem, &free, hidden, starts_rms_m))
+    }
+
+    /// Coordinates with a delay, if its linear estimate, with every other coordinate free to move, lies well above zero.
+    fn with_delay(&self, records: &[Record<'_>], free: &[Free], z: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut free = free.to_vec();
+        let at = free.len();
+        free.push(self.delay());
+        // A thousandth of a sample, because at zero the delay is at its bound and has no gradient to one side.
+        let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
+        let covariance = covariance(&problem)?;
+        let sensitivities = problem.sensitivities();
+        let prior = problem.coordinates_now().component_div(&problem.prior_sigma().map(|s| s * s));
+        let step = -(&covariance * (sensitivities.tr_mul(&problem.data_residuals()) + prior));
+        (step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()).then(|| problem.coordinates_now() + step)
+    }
+
+    /// Puts numbers that the logs can't see back at their priors, refits the rest, and reports.
+    fn finish(
+        &self,
+        records: &[Record<'_>],
+        problem: Problem<'_>,
+        free: &[Free],
+        hidden: Vec<Free>,
+        starts_rms_m: Vec<f64>,
+    ) -> Fit {
+        let z = problem.coordinates_now();
+        if let Some(covariance) = covariance(&problem) {
+            let dim = |i: usize, reach: f64| {
+                let sigma = covariance[(i, i)].sqrt();
+                i < free.len() && sigma > UNSEEN * free[i].prior_sigma && z[i].abs() < reach * sigma
+            };
+            // What has moved away from its prior by more than it is uncertain was moved by the logs, if only along with others.
+            // If even the rest can't go back together (a hysteron would open that the logs keep shut), what never moved can.
+            for reach in [2.0, 0.05] {
+                let (dims, lit): (Vec<usize>, Vec<usize>) = (0..z.len()).partition(|&i| dim(i, reach));
+                if dims.is_empty() {
+                    break;
+                }
+                self.say("putting unseen numbers back");
+                let pick =
+                    |indices: &[usize]| indices.iter().filter_map(|&i| free.get(i).copied()).collect::<Vec<Free>>();
+                let seen = pick(&lit);
+                let z = with_set_to_zero(&covariance, z, &dims, &lit);
+                let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
+                if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
+                    let unseen: Vec<Free> = hidden.iter().copied().chain(pick(&dims)).collect();
+                    return report(self, records, &refitted, &seen, &unseen, starts_rms_m);
+                }
+            }
+        }
+        report(self, records, &problem, free, &hidden, starts_rms_m)
+    }
+}
+
+/// A log as a fit sees it first: its noise, and what its rows say of its start.
+pub(super) fn record(log: &Log, run_in: usize, initial: Initial, offset_free: bool) -> Record<'_> {
+    let u = &log.command_v;
+    let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    // Before a log that starts with a step the drive was something else than its first command: the first displacement tells,
+    // up to the offset, which the line through the log gives.
+    let looks = guess::looks(log, run_in);
+    let drive_v = (log.displacement_m[0] - looks.offset_m) / looks.gain_m_per_v;
+    let noise_m = noise_rms(&log.displacement_m[run_in..]).max(LEAST_NOISE_M);
+    let start = StartCoordinates {
+        initial,
+        drive_v: if drive_v.is_finite() { drive_v.clamp(low.min(0.0), high.max(0.0)) } else { u[0] },
+        span_v: (high - low).max(1e-3),
+    };
+    let mut record = Record { log, run_in, rows: u.len(), noise_m, unit_m: noise_m, start, offset_free };
+    record.unit_m = noise_m.max(FIRST_UNIT * spread_m(&record));
+    record
+}
+
+/// Records cut so that one simulation of all of them is cheap.
+pub(super) fn shortened<'a>(chain: &Chain, records: &[Record<'a>]) -> Vec<Record<'a>> {
+    let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
+    let work: usize = records.iter().map(|r| r.rows * (1 + (r.log.dt_s * turning_per_s) as usize)).sum();
+    let share = CHEAP as f64 / work as f64;
+    let cut = |record: &Record<'a>| {
+        let scored = (((record.rows - record.run_in) as f64 * share) as usize).max(LEAST_ROWS);
+        Record { rows: record.rows.min(record.run_in + scored), ..record.clone() }
+    };
+    if share < 1.0 { records.iter().map(cut).collect() } else { records.to_vec() }
+}
+
+/// Coordinates of the first start: the prior, and for each log with a free offset the mean residual there.
+pub(super) fn origin(chain: &Chain, records: &[Record<'_>], free: &[Free], simulations: &AtomicUsize) -> DVector<f64> {
+    let hysterons = chain.plant.hysterons.len();
+    let mut z = DVector::zeros(Problem::coordinates(records, free, hysterons));
+    let problem = Problem::new(records, free, chain, simulations, z.clone());
+    for (index, record) in records.iter().enumerate().filter(|(_, r)| r.offset_free) {
+        let residual_m = problem.residual_m(index);
+        problem.set_offset(&mut z, index, -residual_m.iter().sum::<f64>() / (record.rows - record.run_in) as f64);
+    }
+    z
+}
+
+pub(super) fn descend(problem: Problem<'_>, tolerance: f64) -> Problem<'_> {
+    // The library multiplies its patience by one more than the coordinates.
+    let patience = (EVALUATIONS / (problem.coordinates_now().len() + 1)).max(1);
+    let fit =
+        LevenbergMarquardt::new().with_ftol(tolerance).with_xtol(tolerance).with_gtol(1e-10).with_patience(patience);
+    fit.minimize(problem).0
+}
+
+/// Whether nothing but noise is left: no other start could do better.
+fn at_noise(records: &[Record<'_>], problem: &Problem<'_>) -> bool {
+    records.iter().enumerate().all(|(i, record)| rms(problem.residual_m(i)) < AT_NOISE * record.noise_m)
+}
+
+/// Records whose unit is what an independent sample of their present residual is uncertain by, but at least their noise.
+fn weigh<'a>(records: &[Record<'a>], problem: &Problem<'_>) -> Vec<Record<'a>> {
+    let weighed = |(index, record): (usize, &Record<'a>)| {
+        let residual_m = problem.residual_m(index);
+        let unit_m = rms(residual_m.iter().copied()) * samples_per_independent(&residual_m).sqrt();
+        Record { unit_m: unit_m.max(LEAST_NOISE_M), ..record.clone() }
+    };
+    records.iter().enumerate().map(weighed).collect()
+}
+
+/// Covariance of the coordinates: the logs' information plus the priors'.
+pub(super) fn covariance(problem: &Problem<'_>) -> Option<DMatrix<f64>> {
+    let sensitivities = problem.sensitivities();
+    let mut information = sensitivities.tr_mul(&sensitivities);
+    for (i, sigma) in problem.prior_sigma().iter().enumerate() {
+        information[(i, i)] += 1.0 / (sigma * sigma);
+    }
+    information.cholesky().map(|c| c.inverse())
+}
+
+/// The coordinates `kept` of `z` once those in `zeroed` are zero, to first order: what their covariance carries along.
+fn with_set_to_zero(covariance: &DMatrix<f64>, z: &DVector<f64>, zeroed: &[usize], kept: &[usize]) -> DVector<f64> {
+    let block = |rows: &[usize]| DMatrix::from_fn(rows.len(), zeroed.len(), |i, j| covariance[(rows[i], zeroed[j])]);
+    let back = DVector::from_fn(zeroed.len(), |i, _| -z[zeroed[i]]);
+    let along = block(zeroed).cholesky().map_or(DVector::zeros(kept.len()), |c| block(kept) * c.solve(&back));
+    DVector::from_fn(kept.len(), |i, _| z[kept[i]]) + along
+}
