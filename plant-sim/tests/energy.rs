@@ -100,7 +100,7 @@ fn stored_plus_dissipated_equals_supplied() {
         let inputs: Vec<(f64, f64)> = (0..300)
             .map(|k| {
                 let step_v = if k > 150 { random.random_range(-30.0..30.0) } else { 0.0 };
-                (60.0 * (TAU * turns * k as f64 / 300.0).sin() + step_v, random.random_range(-1.0..1.0))
+                (60.0 * (TAU * turns * f64::from(k) / 300.0).sin() + step_v, random.random_range(-1.0..1.0))
             })
             .collect();
         let (_, ledger) = audited_run(&plant, &start, dt_s, &inputs).expect("at most 6 hysterons");
@@ -119,7 +119,7 @@ fn the_balance_detects_a_wrong_dissipation() {
     // plant than it was given. Stored energy and supply are those of the trajectory.
     let plant = thesis();
     let dt_s = 1e-4;
-    let inputs: Vec<(f64, f64)> = (0..1000).map(|k| (80.0 * (TAU * 50.0 * k as f64 * dt_s).sin(), 0.2)).collect();
+    let inputs: Vec<(f64, f64)> = (0..1000).map(|k| (80.0 * (TAU * 50.0 * f64::from(k) * dt_s).sin(), 0.2)).collect();
     let (_, honest) = audited_run(&plant, &plant.relaxed(), dt_s, &inputs).expect("2 hysterons");
     assert!(relative_imbalance(&honest) <= BAR);
 
@@ -165,7 +165,8 @@ fn the_area_of_a_closed_loop_is_what_it_dissipates() {
     let plant = thesis();
     let alpha = plant.transduction_c_per_m;
     let (dt_s, period) = (1e-4, 200);
-    let inputs: Vec<(f64, f64)> = (0..period).map(|k| (80.0 * (TAU * k as f64 / period as f64).sin(), 0.0)).collect();
+    let inputs: Vec<(f64, f64)> =
+        (0..period).map(|k| (80.0 * (TAU * f64::from(k) / f64::from(period)).sin(), 0.0)).collect();
     let mut state = plant.relaxed();
     for _ in 0..15 {
         // The slowest memory is C2/beta2 = 4.52 ms; 15 periods of 20 ms leave exp(-66) of the start.

@@ -369,7 +369,7 @@ fn many_hysterons_agree_with_the_general_solver() {
     for (seed, hysterons) in [(300, 10), (301, 20)] {
         let mut random = Pcg64::seed_from_u64(seed);
         let plant = random_plant(&mut random, hysterons);
-        let commands: Vec<f64> = (0..100).map(|k| 80.0 * (TAU * k as f64 / 40.0).sin()).collect();
+        let commands: Vec<f64> = (0..100).map(|k| 80.0 * (TAU * f64::from(k) / 40.0).sin()).collect();
         let pieces: Vec<Piece> = commands.iter().map(|&v| Piece::held(1e-4, v)).collect();
         let error = error(&ours(&plant, &relaxed(&plant), &pieces), &rival(&plant, &relaxed(&plant), &pieces));
         assert!(error < BAR, "{hysterons} hysterons: {error:e} of full scale");
@@ -388,7 +388,8 @@ fn equal_hysterons_open_at_the_same_instant() {
             dead_zone_v: one.hysterons[0].dead_zone_v / count,
         };
         let many = Phs { hysterons: vec![part; n], ..one.clone() };
-        let pieces: Vec<Piece> = (0..300).map(|k| Piece::held(1e-4, 70.0 * (TAU * k as f64 / 90.0).sin())).collect();
+        let pieces: Vec<Piece> =
+            (0..300).map(|k| Piece::held(1e-4, 70.0 * (TAU * f64::from(k) / 90.0).sin())).collect();
         let single = ours(&one, &relaxed(&one), &pieces);
         let together: Vec<Vec<f64>> =
             ours(&many, &relaxed(&many), &pieces).iter().map(|x| vec![x[0], x[1], x[2..].iter().sum()]).collect();
@@ -492,7 +493,7 @@ fn nothing_creeps_at_rest() {
     let mut stepper = stepper(&Dynamics::of_plant(&plant), Spans::whole(dt_s));
     let mut full_scale_m = 0.0f64;
     for k in 0..2000 {
-        stepper.advance(0, alpha * 80.0 * (TAU * 50.0 * k as f64 * dt_s).sin(), 0.0);
+        stepper.advance(0, alpha * 80.0 * (TAU * 50.0 * f64::from(k) * dt_s).sin(), 0.0);
         full_scale_m = full_scale_m.max(stepper.state(0).abs());
     }
     for _ in 0..3000 {
@@ -536,7 +537,7 @@ fn a_split_sample_is_the_same_as_a_whole_one() {
     let mut split = stepper(&dynamics, Spans::split(1e-4, 0.37e-4));
     let mut full_scale_m = 0.0f64;
     for k in 0..3000 {
-        let force_n = alpha * 90.0 * (TAU * k as f64 / 70.0).sin();
+        let force_n = alpha * 90.0 * (TAU * f64::from(k) / 70.0).sin();
         whole.advance(0, force_n, 0.0);
         split.advance(0, force_n, 0.0);
         split.advance(1, force_n, 0.0);

@@ -97,10 +97,10 @@ fn a_slow_64_v_reaches_98_7_um_and_leaves_7_5_um() {
     let plant = thesis();
     let dt_s = 1e-3;
     let samples = 10_000;
-    let mut drive_v: Vec<f64> = (0..samples).map(|k| 64.0 * k as f64 / samples as f64).collect();
+    let mut drive_v: Vec<f64> = (0..samples).map(|k| 64.0 * f64::from(k) / f64::from(samples)).collect();
     drive_v.extend(vec![64.0; 1000]);
     let top = drive_v.len() - 1;
-    drive_v.extend((0..samples).map(|k| 64.0 * (1.0 - k as f64 / samples as f64)));
+    drive_v.extend((0..samples).map(|k| 64.0 * (1.0 - f64::from(k) / f64::from(samples))));
     drive_v.extend(vec![0.0; 1000]);
     let record_m = displacement_m(&plant, dt_s, &drive_v);
     let (up_um, left_um) = (record_m[top] * 1e6, record_m[drive_v.len() - 1] * 1e6);
@@ -232,6 +232,6 @@ fn doubling_beta1_moves_the_displacement_by_less_than_noise() {
         assert!((0.06..2.4).contains(&moved_nm), "{amplitude_v} V, {hz} Hz: {moved_nm} nm");
     }
     // And 60 V at 100 Hz never opens it: then beta1 has no effect at all.
-    let drive_v: Vec<f64> = (0..3000).map(|k| 60.0 * (TAU * 100.0 * k as f64 * dt_s).sin()).collect();
+    let drive_v: Vec<f64> = (0..3000).map(|k| 60.0 * (TAU * 100.0 * f64::from(k) * dt_s).sin()).collect();
     assert_eq!(displacement_m(&plant, dt_s, &drive_v), displacement_m(&doubled, dt_s, &drive_v));
 }
