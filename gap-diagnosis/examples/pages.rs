@@ -115,14 +115,7 @@ fn main() -> std::io::Result<()> {
             parameter("k0", "N/m", 1.234e6, Some(0.0012), 1.2e6, "fitted"),
             parameter("k1", "N/m", 2.5e5, Some(0.013), 2.9e5, "fitted"),
             parameter("d1", "N s/m", 71.2, Some(0.41), 70.0, "fitted"),
-            parameter(
-                "beta1",
-                "",
-                1.0,
-                None,
-                1.0,
-                "these logs can't see it; kept at its prior: its dead zone never opens",
-            ),
+            parameter("beta1", "", 1.0, None, 1.0, "these logs can't see it; kept at its prior: its dead zone never opens"),
             parameter("gamma2", "µm", 3.21e-7, Some(0.02), 3.2e-7, "fitted"),
             FittedParameter {
                 name: "latency",

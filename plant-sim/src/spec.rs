@@ -561,7 +561,7 @@ mod tests {
         assert!(one("step:80um,shaped").shaped);
         assert_eq!(one("sine:20um@10Hz/2s").seconds, Some(2.0));
         assert_eq!(one("sine:20um@1e-3Hz").shape, Shape::Sine { hz: 1e-3 });
-        assert_eq!(one("sweep:20V@1e-3-2e+1Hz/4s").shape, Shape::Sweep { hz: [1e-3, 20.0], log: false });
+        assert_eq!(one("sweep:20V@1e-3-2e1Hz/4s").shape, Shape::Sweep { hz: [1e-3, 20.0], log: false });
     }
 
     #[test]
