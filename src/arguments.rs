@@ -4,12 +4,20 @@ use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
-use plant_sim::spec::Spec;
-use std::path::PathBuf;
+use plant_sim::spec::{Shape, Spec};
+use std::path::{Path, PathBuf};
 
 /// Simulate, identify and diagnose piezo actuators with hysteresis, so that the simulation matches the bench.
 #[derive(Parser)]
-#[command(name = "hysteron", version, subcommand_help_heading = "Commands")]
+#[command(
+    name = "hysteron",
+    version,
+    subcommand_help_heading = "Commands",
+    after_help = "Without a command: what the program can do and a short demonstration.
+Example:
+  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz --rate 10000 --seconds 1 --out sine.csv
+Exit codes: 0 done, 2 wrong call, 3 bad input file, 4 did not converge."
+)]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Option<Command>,
@@ -25,7 +33,44 @@ pub enum Command {
     Identify(IdentifyCall),
 }
 
+impl Command {
+    /// How the result is shown, and the output.
+    pub fn outputs(&self) -> (&Show, &Path) {
+        match self {
+            Command::Simulate(call) => (&call.show, &call.out),
+            Command::Replay(call) => (&call.show, &call.out),
+            Command::Identify(call) => (&call.show, &call.out),
+        }
+    }
+
+    /// Every file that the command reads.
+    pub fn inputs(&self) -> Vec<&Path> {
+        match self {
+            Command::Simulate(call) => {
+                let specs = call.reference.iter().chain(&call.command);
+                let files = specs.flat_map(|spec| &spec.parts).filter_map(|part| match &part.shape {
+                    Shape::File { path } => Some(path),
+                    _ => None,
+                });
+                [&call.plant].into_iter().chain(&call.controller).chain(files).map(PathBuf::as_path).collect()
+            }
+            Command::Replay(call) => vec![&call.plant, &call.log],
+            Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
+        }
+    }
+}
+
 #[derive(Args)]
+#[command(after_help = "Example, closed loop:
+  hysteron simulate --plant models/thesis-phs.toml --controller controllers/pi1.toml \\
+    --reference step:80um --rate 20000 --seconds 0.02 --out step.csv
+Example, open loop:
+  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz --rate 10000 --seconds 1 --out sine.csv
+
+A SPEC is one of
+  zero@5s  step:80um  hold:40V@5s  square:80um@1Hz  sine:100um@50Hz  triangle:60V@1Hz  sweep:20V@1-2000Hz/4s
+  ladder:60V/8,hold=2s  multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7  minor-loops:60V@1Hz  file:PATH
+or several joined by + into a sequence; `,for=2s` limits a part, `,shaped` bounds its rate and acceleration.")]
 pub struct SimulateCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
@@ -34,25 +79,19 @@ pub struct SimulateCall {
     #[arg(long, value_name = "C.toml", requires = "reference")]
     pub controller: Option<PathBuf>,
     /// Closed loop: what the displacement shall follow, such as step:80um or sine:100um@50Hz
-    #[arg(
-        long,
-        value_name = "SPEC",
-        requires = "controller",
-        conflicts_with = "command",
-        required_unless_present = "command"
-    )]
+    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command")]
     pub reference: Option<Spec>,
     /// Open loop: what to drive with, such as sine:60V@10Hz
     #[arg(long, value_name = "SPEC")]
     pub command: Option<Spec>,
     /// Samples per second
-    #[arg(long, value_name = "HZ", value_parser = positive)]
+    #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub rate: f64,
     /// Length; the SPEC's own length where it has one
-    #[arg(long, value_name = "S", value_parser = positive)]
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// From sampling to the new drive, any real number of microseconds
-    #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative)]
+    #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative, allow_negative_numbers = true)]
     pub delay_us: f64,
     /// Leave the feedforward out
     #[arg(long)]
@@ -68,6 +107,9 @@ pub struct SimulateCall {
 }
 
 #[derive(Args)]
+#[command(after_help = "Example, somebody else's log whose sensor has an arbitrary zero:
+  hysteron replay --plant fitted.toml bench.csv --columns time=t_s,command=u_V,displacement=y_um \\
+    --free-offset --run-in 2 --out prediction.csv")]
 pub struct ReplayCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
@@ -89,6 +131,9 @@ pub struct ReplayCall {
 }
 
 #[derive(Args)]
+#[command(after_help = "Example:
+  hysteron identify --model phs --hysterons auto bench.csv --columns time=t_s,command=u_V,displacement=y_um \\
+    --run-in 2 --out fitted.toml")]
 pub struct IdentifyCall {
     /// Model to fit
     #[arg(long, value_name = "KIND", value_parser = ["phs"])]
@@ -100,7 +145,14 @@ pub struct IdentifyCall {
     #[arg(long, value_name = "P.toml")]
     pub plant: Option<PathBuf>,
     /// Weighed moving mass, where no --plant states it: displacement alone determines only ratios to it
-    #[arg(long, value_name = "KG", value_parser = positive, conflicts_with = "plant", default_value = "1.0148e-3")]
+    #[arg(
+        long,
+        value_name = "KG",
+        value_parser = positive,
+        conflicts_with = "plant",
+        default_value = "1.0148e-3",
+        allow_negative_numbers = true
+    )]
     pub mass_kg: f64,
     /// Measured logs (CSV, NPY or MAT v5)
     #[arg(required = true)]
@@ -128,7 +180,7 @@ pub struct StartOptions {
     #[arg(long, value_name = "STATE", default_value = "rest")]
     pub initial: Initial,
     /// Seconds at the start that are simulated but neither fitted nor scored
-    #[arg(long, value_name = "S", value_parser = not_negative)]
+    #[arg(long, value_name = "S", value_parser = not_negative, allow_negative_numbers = true)]
     pub run_in: Option<f64>,
 }
 
@@ -141,7 +193,7 @@ pub struct ReadArguments {
     #[arg(long, value_name = "NAME=FACTOR,..", value_delimiter = ',', value_parser = factor)]
     pub scale: Vec<(String, f64)>,
     /// Sampling rate, for a log without a time column
-    #[arg(long = "rate", value_name = "HZ", value_parser = positive)]
+    #[arg(long = "rate", value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub rate_hz: Option<f64>,
 }
 

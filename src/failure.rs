@@ -6,6 +6,8 @@ use plant_sim::experiment::ExperimentError;
 use plant_sim::log::LogError;
 use plant_sim::margins::MarginError;
 use plant_sim::spec::SpecError;
+use std::ffi::OsStr;
+use std::path::Path;
 
 /// The call can't be meant: an unknown argument, a number out of range, an unstable loop.
 pub const WRONG_CALL: u8 = 2;
@@ -29,37 +31,59 @@ impl Failure {
     }
 
     /// A failure to write `path`.
-    pub fn unwritable(path: &std::path::Path, error: &std::io::Error) -> Self {
-        Self { code: BAD_FILE, message: format!("{}: cannot be written: {error}", path.display()) }
+    pub fn unwritable(path: &Path, error: &std::io::Error) -> Self {
+        Self::call(format!("{}: cannot be written: {error}; name another place", path.display()))
     }
 
-    /// The message on one line, whatever it came from.
+    /// What is wrong with the arguments; `first` is the first of them, which may be a command.
+    ///
+    /// clap says it in paragraphs, the last of which are usage and a hint at the help. They become parts of one line.
+    pub fn of_arguments(error: &clap::Error, first: Option<&OsStr>) -> Self {
+        let text = error.render().to_string();
+        let said = text.strip_prefix("error: ").unwrap_or(&text);
+        let paragraphs = said
+            .split("\n\n")
+            .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
+            .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
+        let mut parts: Vec<String> = paragraphs.collect();
+        let command = ["simulate", "replay", "identify"].into_iter().find(|name| first == Some(OsStr::new(name)));
+        parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
+        Self::call(parts.join("; "))
+    }
+
+    /// The message on one line without control characters, whatever it came from.
     pub fn line(&self) -> String {
-        self.message.split_whitespace().collect::<Vec<_>>().join(" ")
+        let printable: String = self.message.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        printable.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 }
 
 impl From<LogError> for Failure {
     fn from(error: LogError) -> Self {
-        Self { code: if error.is_wrong_call() { WRONG_CALL } else { BAD_FILE }, message: error.to_string() }
+        let wrong_call = error.is_wrong_call() || matches!(error, LogError::Unwritable { .. });
+        Self { code: if wrong_call { WRONG_CALL } else { BAD_FILE }, message: error.to_string() }
     }
 }
 
 impl From<FileError> for Failure {
     fn from(error: FileError) -> Self {
-        Self { code: BAD_FILE, message: error.to_string() }
+        let code = if matches!(error, FileError::Unwritable { .. }) { WRONG_CALL } else { BAD_FILE };
+        Self { code, message: error.to_string() }
     }
 }
 
 impl From<SpecError> for Failure {
     fn from(error: SpecError) -> Self {
-        Self::call(error.to_string())
+        Self { code: if error.in_file { BAD_FILE } else { WRONG_CALL }, message: error.to_string() }
     }
 }
 
 impl From<ExperimentError> for Failure {
     fn from(error: ExperimentError) -> Self {
-        Self::call(error.to_string())
+        match error {
+            ExperimentError::Spec(error) => error.into(),
+            ExperimentError::Settings(_) => Self::call(error.to_string()),
+        }
     }
 }
 
@@ -72,7 +96,7 @@ impl From<MarginError> for Failure {
 impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         let code = match error {
-            IdentifyError::NoLog => WRONG_CALL,
+            IdentifyError::NoLog | IdentifyError::RunInTooLong { .. } => WRONG_CALL,
             IdentifyError::NoFit { .. } => NO_RESULT,
             _ => BAD_FILE,
         };

@@ -1,22 +1,43 @@
 //! What every command shows in the same way: progress, tables on the terminal, pages, provenance.
 
-use crate::arguments::Show;
+use crate::arguments::{Command, Show};
 use crate::failure::Failure;
 use gap_diagnosis::page::Page;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Prints a line to standard output; a reader that has gone away is no error.
+/// Whether a line meant for standard output could not be written.
+static UNSAID: AtomicBool = AtomicBool::new(false);
+
+/// Prints a line to standard output; a reader that has gone away is no error, a full disk is ([`check_said`]).
 pub fn line(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+    if let Err(error) = writeln!(std::io::stdout(), "{text}")
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        UNSAID.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Fails if a line did not get out.
+pub fn check_said() -> Result<(), Failure> {
+    if UNSAID.load(Ordering::Relaxed) {
+        return Err(Failure::call("standard output cannot be written: send it to another place"));
+    }
+    Ok(())
+}
+
+/// Prints a line to standard error. Unlike `eprintln!` it doesn't panic where that is closed or full.
+pub fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 /// Prints warnings to standard error, one line each.
 pub fn warn(warnings: &[String]) {
     for warning in warnings {
-        eprintln!("warning: {warning}");
+        complain(&format!("warning: {warning}"));
     }
 }
 
@@ -44,9 +65,72 @@ pub fn spinner() -> ProgressBar {
     spinner
 }
 
-/// Where the page goes: as asked, beside `out`, or nowhere.
+/// Where the page goes: as asked, beside `out`, or nowhere. Nothing goes beside a device or a pipe.
 pub fn page_path(show: &Show, out: &Path) -> Option<PathBuf> {
-    if show.no_page { None } else { Some(show.page.clone().unwrap_or_else(|| out.with_extension("html"))) }
+    if show.no_page {
+        return None;
+    }
+    let beside = || (!is_special(out)).then(|| out.with_extension("html"));
+    show.page.clone().or_else(beside)
+}
+
+/// Whether `path` is there and is neither a file nor a directory.
+fn is_special(path: &Path) -> bool {
+    path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())
+}
+
+/// Refuses outputs that can't be written or that would overwrite an input or one another, before any work is done.
+pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
+    let Some(command) = command else {
+        return Ok(());
+    };
+    let (show, out) = command.outputs();
+    let page = page_path(show, out);
+    check_place(out, "--out", command.inputs())?;
+    if let Some(page) = &page {
+        if is_special(page) {
+            return Err(Failure::call(format!("{}: is no file; name another page with --page", page.display())));
+        }
+        if same_file(page, out) {
+            return Err(Failure::call(format!(
+                "{}: would be both output and page; name the page with --page or leave it out with --no-page",
+                page.display()
+            )));
+        }
+        check_place(page, "--page", command.inputs())?;
+    }
+    Ok(())
+}
+
+fn check_place(path: &Path, argument: &str, inputs: Vec<&Path>) -> Result<(), Failure> {
+    let refuse = |what: &str| Err(Failure::call(format!("{}: {what} with {argument}", path.display())));
+    if path.is_dir() || path.file_name().is_none() {
+        return refuse("is a directory; name a file in it");
+    }
+    if inputs.into_iter().any(|input| same_file(input, path)) {
+        return refuse("is read by this call and would be overwritten; name another file");
+    }
+    if path.metadata().is_ok_and(|found| found.permissions().readonly()) {
+        return refuse("may not be written; make it writable or name another file");
+    }
+    match folder(path).metadata() {
+        Ok(found) if found.is_dir() => Ok(()),
+        Ok(_) => refuse(&format!("{} is not a directory; name another place", folder(path).display())),
+        Err(_) => refuse(&format!("the directory {} is not there; make it or name another", folder(path).display())),
+    }
+}
+
+/// The directory that holds `path`.
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Whether both paths lead to one place, whether or not it is there yet.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let place = |path: &Path| {
+        path.canonicalize().ok().or_else(|| Some(folder(path).canonicalize().ok()?.join(path.file_name()?)))
+    };
+    place(a).is_some_and(|a| Some(a) == place(b))
 }
 
 /// Writes the page and says where.
@@ -61,7 +145,8 @@ pub fn save_page(page: &Page, path: &Path, json: bool) -> Result<(), Failure> {
 /// The call, the version and the seed: what is needed to repeat the run.
 pub fn provenance(seed: Option<u64>) -> Vec<String> {
     let quoted = |word: String| if word.contains([' ', '*', '\'', '"']) { format!("{word:?}") } else { word };
-    let call: Vec<String> = std::env::args().skip(1).map(quoted).collect();
+    let call: Vec<String> =
+        std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned())).collect();
     let mut lines = vec![format!("hysteron {}", call.join(" ")), format!("hysteron {}", env!("CARGO_PKG_VERSION"))];
     lines.extend(seed.map(|seed| format!("seed {seed}")));
     lines

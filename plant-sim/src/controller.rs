@@ -100,8 +100,49 @@ impl Controller {
                 }
             }
         }
-        Law::try_build(&controller.settings(20e3)).map_err(|e| invalid(e.to_string()))?;
+        for (key, param) in controller.records() {
+            // The law runs in f32, where a number beyond 3.4e38 would be an infinity and switch a guard off in silence.
+            if !(param.value as f32).is_finite() {
+                return Err(invalid(format!(
+                    "{key} is {:?}: it must be a finite number; a controller without limits says `unlimited = true`",
+                    param.value
+                )));
+            }
+            for sigma in [param.sigma, param.sigma_abs].into_iter().flatten() {
+                if !(sigma >= 0.0 && sigma.is_finite()) {
+                    return Err(invalid(format!("{key} has sigma {sigma}: it must not be negative")));
+                }
+            }
+        }
+        Law::try_build(&controller.settings(20e3)).map_err(|e| invalid(in_keys(&e.to_string())))?;
         Ok(controller)
+    }
+
+    /// Every record with its key.
+    fn records(&self) -> Vec<(&'static str, &Param)> {
+        let mut records = vec![
+            ("kp_V_per_m", &self.kp_v_per_m),
+            ("ki_V_per_m_s", &self.ki_v_per_m_s),
+            ("feedforward_V_per_m", &self.feedforward_v_per_m),
+        ];
+        if let Some(limits) = &self.limits {
+            records.push(("limits.min_V", &limits.min_v));
+            records.push(("limits.max_V", &limits.max_v));
+            records.push(("limits.slew_V_per_s", &limits.slew_v_per_s));
+        }
+        if let Some(reference) = &self.reference {
+            records.push(("reference.max_um", &reference.max_um));
+            let shaping = [
+                ("reference.rate_um_per_s", &reference.rate_um_per_s),
+                ("reference.acceleration_um_per_s2", &reference.acceleration_um_per_s2),
+            ];
+            records.extend(shaping.into_iter().filter_map(|(key, param)| Some((key, param.as_ref()?))));
+        }
+        if let Some(guard) = &self.guard {
+            records.push(("guard.trip_um", &guard.trip_um));
+            records.push(("guard.stop_time_us", &guard.stop_time_us));
+        }
+        records
     }
 
     /// Settings in SI units for a loop at `rate_hz`.
@@ -126,4 +167,24 @@ impl Controller {
         }
         settings
     }
+}
+
+/// Fields of [`Settings`], which the law's messages name, and the keys of a controller file that set them.
+const KEYS: [(&str, &str); 10] = [
+    ("kp_v_per_m", "kp_V_per_m"),
+    ("ki_v_per_m_s", "ki_V_per_m_s"),
+    ("feedforward_v_per_m", "feedforward_V_per_m"),
+    ("drive_min_v", "limits.min_V"),
+    ("drive_max_v", "limits.max_V"),
+    ("slew_v_per_s", "limits.slew_V_per_s"),
+    ("reference_max_m", "reference.max_um"),
+    ("reference_acceleration_m_per_s2", "reference.acceleration_um_per_s2"),
+    ("reference_rate_m_per_s", "reference.rate_um_per_s"),
+    ("trip_m", "guard.trip_um"),
+];
+
+/// The law's message with the file's keys in place of its own fields.
+fn in_keys(message: &str) -> String {
+    let message = KEYS.iter().fold(message.to_owned(), |message, (field, key)| message.replace(field, key));
+    message.replace("stop_time_s", "guard.stop_time_us")
 }

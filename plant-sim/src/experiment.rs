@@ -24,7 +24,7 @@ pub struct Program {
 }
 
 fn fail(part: &spec::Part, reason: String) -> SpecError {
-    SpecError { part: part.shape.kind().to_owned(), reason }
+    SpecError { part: part.shape.kind().to_owned(), reason, in_file: matches!(part.shape, Shape::File { .. }) }
 }
 
 impl Program {
@@ -85,8 +85,15 @@ impl Program {
                 }
                 Shape::Ladder { levels, hold_s } => Segment::ladder(amplitude, *levels, whole(*hold_s)).map_err(add)?,
                 Shape::Multisine { periods, .. } => {
-                    for table in tables {
-                        segments.push(Segment::table(table, periods.saturating_mul(table.len() as u32)).map_err(add)?);
+                    // As many realisations as the length has room for; the last one goes on until its end.
+                    let mut left = samples;
+                    for (index, table) in tables.iter().enumerate() {
+                        let own = periods.saturating_mul(table.len() as u32);
+                        let take = if index + 1 == tables.len() { left } else { own.min(left) };
+                        if take > 0 {
+                            segments.push(Segment::table(table, take).map_err(add)?);
+                        }
+                        left -= take;
                     }
                     continue;
                 }
@@ -192,7 +199,12 @@ fn run(
     let generator = Generator::new(&segments);
     let mut generator_state = GeneratorState::default();
     let rate = setup.rate_hz as f32;
-    let largest = program.parts.iter().map(|(part, _)| part.amplitude.abs() as f32).fold(0.0, f32::max);
+    // A file's amplitude is its unit; how far it reaches is in its samples.
+    let reach = |(part, tables): &(spec::Part, Vec<Vec<f32>>)| {
+        let amplitude = if tables.is_empty() { part.amplitude.abs() as f32 } else { 0.0 };
+        tables.iter().flatten().fold(amplitude, |reach, sample| reach.max(sample.abs()))
+    };
+    let largest = program.parts.iter().map(reach).fold(0.0, f32::max);
     let mut shaper = if program.shaped {
         Some((Shaper::try_build(rate, 2.0 * largest.max(1e-9), shaped[0], shaped[1])?, ShaperState::default()))
     } else {

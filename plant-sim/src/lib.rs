@@ -13,6 +13,7 @@ pub mod model;
 pub mod param;
 pub mod phs;
 pub mod replay;
+mod resample;
 pub mod spec;
 mod toml_file;
 mod toml_layout;

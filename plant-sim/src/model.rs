@@ -261,6 +261,11 @@ impl Model {
             ("sensor.quantum_um", &self.sensor.quantum_um, NotNegative, [1e-7, 100.0]),
         ];
         records.extend(optional.into_iter().filter_map(|(key, p, s, r)| p.as_ref().map(|p| (key.to_owned(), p, s, r))));
+        if let Some(rig) = &self.rig {
+            records.push(("rig.drive_min_V".into(), &rig.drive_min_v, Any, [-2e3, 2e3]));
+            records.push(("rig.drive_max_V".into(), &rig.drive_max_v, Any, [-2e3, 2e3]));
+            records.push(("rig.displacement_max_um".into(), &rig.displacement_max_um, Positive, [1e-3, 1e4]));
+        }
         records
     }
 
@@ -268,9 +273,10 @@ impl Model {
         for (key, param, sense, _) in self.records() {
             let value = param.value;
             let wrong = match sense {
-                Sense::Positive => (!(value > 0.0 && value.is_finite())).then_some("must be positive"),
-                Sense::NotNegative => (!(value >= 0.0 && value.is_finite())).then_some("must not be negative"),
-                Sense::Any => (!value.is_finite()).then_some("must be a finite number"),
+                _ if !value.is_finite() => Some("must be a finite number"),
+                Sense::Positive => (value <= 0.0).then_some("must be positive"),
+                Sense::NotNegative => (value < 0.0).then_some("must not be negative"),
+                Sense::Any => None,
             };
             if let Some(wrong) = wrong {
                 return Err(format!("{key} is {value}: it {wrong}"));
@@ -289,14 +295,14 @@ impl Model {
             return Err(format!("{hysterons} hysterons; at most {MAX_HYSTERONS} can be stepped"));
         }
         if let Some(rig) = &self.rig
-            && !(rig.drive_min_v.value < rig.drive_max_v.value && rig.displacement_max_um.value > 0.0)
+            && rig.drive_min_v.value >= rig.drive_max_v.value
         {
-            return Err("rig: drive_min_V must lie below drive_max_V, and displacement_max_um above zero".to_owned());
+            return Err("rig.drive_min_V must lie below rig.drive_max_V".to_owned());
         }
         if let Some(start) = &self.initial_state {
             if start.hysteron_v.len() != hysterons {
                 return Err(format!(
-                    "initial_state.hysteron_V has {} numbers for {hysterons} hysterons",
+                    "initial_state.hysteron_V has length {} and there are {hysterons} hysterons: give one number for each",
                     start.hysteron_v.len()
                 ));
             }

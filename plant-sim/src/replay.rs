@@ -3,6 +3,7 @@
 use crate::chain::{Chain, Held, Simulator};
 use crate::log::{Hold, Log};
 use crate::phs::PhsState;
+use crate::resample::{self, Resampler};
 
 /// What is assumed of the state at a log's first row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -54,31 +55,63 @@ impl Start {
 
 /// Feeds commands one by one, as a log's `hold` says, and reads the displacement before each.
 ///
-/// A first-order hold needs the command after the present one; the last row repeats its own.
+/// What a hold needs to know of the commands to come is [`Player::look_ahead`]. Where fewer are known the last one is held, as at the
+/// end of a log.
 pub struct Player {
     simulator: Simulator,
     sample_s: f64,
-    first_order: bool,
+    hold: Hold,
+    resampler: Resampler,
 }
 
 impl Player {
     /// A chain ready to play rows that are `sample_s` apart.
     pub fn new(chain: &Chain, sample_s: f64, latency_s: f64, hold: Hold, start: &Start) -> Self {
+        // A band-limited command is stepped through piece by piece.
+        let sample_s = if hold == Hold::Bandlimited { sample_s / resample::PIECES as f64 } else { sample_s };
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         simulator.start_from(&start.state, start.drive_v);
-        Self { simulator, sample_s, first_order: hold != Hold::Zoh }
+        Self { simulator, sample_s, hold, resampler: Resampler::default() }
+    }
+
+    /// How many of the commands after a row's own this log's `hold` calls for.
+    pub fn look_ahead(&self) -> usize {
+        match self.hold {
+            Hold::Zoh => 0,
+            Hold::Foh => 1,
+            Hold::Bandlimited => resample::AHEAD,
+        }
     }
 
     /// Reading of an ideal sensor at this row in metres; then moves to the next row.
-    pub fn row(&mut self, command_v: f64, next_command_v: f64, force_n: f64) -> f64 {
+    ///
+    /// `commands_v` are the row's own command and those after it, [`Player::look_ahead`] of them.
+    pub fn step(&mut self, commands_v: &[f64], force_n: f64) -> f64 {
         let reading_m = self.simulator.reading_m();
-        let held = if self.first_order {
-            Held { start_v: command_v, slope_v_per_s: (next_command_v - command_v) / self.sample_s }
-        } else {
-            Held::zero_order(command_v)
-        };
-        self.simulator.advance(held, force_n);
+        let command_v = commands_v.first().copied().unwrap_or(0.0);
+        match self.hold {
+            Hold::Zoh => self.simulator.advance(Held::zero_order(command_v), force_n),
+            Hold::Foh => {
+                let next_v = commands_v.get(1).copied().unwrap_or(command_v);
+                self.line(command_v, next_v, force_n);
+            }
+            Hold::Bandlimited => {
+                for ends_v in self.resampler.points(commands_v).windows(2) {
+                    self.line(ends_v[0], ends_v[1], force_n);
+                }
+            }
+        }
         reading_m
+    }
+
+    /// [`Player::step`] for a caller that knows no more than the next command: a band-limited one is then held from there on.
+    pub fn row(&mut self, command_v: f64, next_command_v: f64, force_n: f64) -> f64 {
+        self.step(&[command_v, next_command_v], force_n)
+    }
+
+    fn line(&mut self, from_v: f64, to_v: f64, force_n: f64) {
+        let held = Held { start_v: from_v, slope_v_per_s: (to_v - from_v) / self.sample_s };
+        self.simulator.advance(held, force_n);
     }
 
     /// Voltage of each hysteron now.
@@ -90,14 +123,10 @@ impl Player {
 /// Readings in metres that an ideal sensor would have logged, one per row of `log` (or of its first `rows` rows).
 pub fn predict(chain: &Chain, log: &Log, start: &Start, rows: usize) -> Vec<f64> {
     let mut player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
-    let command_v = &log.command_v[..rows.min(log.command_v.len())];
+    let n_rows = log.command_v.len();
+    let ahead = 1 + player.look_ahead();
     let force_n = log.force_n.as_deref();
-    command_v
-        .iter()
-        .enumerate()
-        .map(|(k, &u)| {
-            let next = command_v.get(k + 1).copied().unwrap_or(u);
-            player.row(u, next, force_n.map_or(0.0, |f| f[k]))
-        })
+    (0..rows.min(n_rows))
+        .map(|k| player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k])))
         .collect()
 }

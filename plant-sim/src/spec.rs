@@ -145,6 +145,8 @@ pub struct SpecError {
     pub part: String,
     /// What is wrong and what would do.
     pub reason: String,
+    /// Whether the file that the part names is at fault, and not the SPEC.
+    pub in_file: bool,
 }
 
 impl Spec {
@@ -157,7 +159,7 @@ impl Spec {
         let mut parts = Vec::new();
         let texts: Vec<&str> = text.split('+').collect();
         for (index, part_text) in texts.iter().enumerate() {
-            let fail = |reason: String| SpecError { part: (*part_text).to_owned(), reason };
+            let fail = |reason: String| SpecError { part: (*part_text).to_owned(), reason, in_file: false };
             let (part, part_unit) = parse_part(part_text).map_err(fail)?;
             if let (Some(a), Some(b)) = (unit, part_unit)
                 && a != b
@@ -208,15 +210,22 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
     };
     let when = when.map(When::parse).transpose()?;
     let tone = |what: &str| match when {
-        Some(When::Tone { hz }) => Ok(hz),
+        Some(When::Tone { hz, .. }) => Ok(hz),
         _ => Err(format!("a {what} needs a frequency, as in `{what}:20um@10Hz`")),
     };
+    if matches!(kind, "zero" | "hold" | "step" | "ladder") && !matches!(when, None | Some(When::Time { .. })) {
+        return Err(format!("a {kind} has no frequency"));
+    }
     let band = |example: &str| match when {
         Some(When::Band { hz, .. }) => Ok(hz),
         _ => Err(format!("needs a band of frequencies, as in `{example}`")),
     };
     let mut seconds = match when {
-        Some(When::Time { seconds } | When::Band { seconds: Some(seconds), .. }) => Some(seconds),
+        Some(
+            When::Time { seconds }
+            | When::Band { seconds: Some(seconds), .. }
+            | When::Tone { seconds: Some(seconds), .. },
+        ) => Some(seconds),
         _ => None,
     };
     let shape = match kind {
@@ -236,12 +245,15 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             if seconds.is_none() {
                 return Err("a sweep needs its duration, as in `sweep:20V@1-2000Hz/4s`".into());
             }
-            Shape::Sweep { hz, log: options.flag("log") }
+            Shape::Sweep { hz, log: options.flag("log")? }
         }
         "ladder" => {
             let levels = count.and_then(|c| c.parse().ok()).filter(|&c: &u32| (1..=1000).contains(&c));
             let levels = levels.ok_or("a ladder needs its number of levels, as in `ladder:60V/8,hold=2s`")?;
             let hold_s = options.seconds("hold")?.ok_or("a ladder needs the time on each level, as in `hold=2s`")?;
+            if seconds.is_some() || options.has("for") {
+                return Err("a ladder is as long as its levels: change `hold`, and leave the length out".into());
+            }
             seconds = Some(2.0 * f64::from(levels) * hold_s);
             Shape::Ladder { levels, hold_s }
         }
@@ -255,7 +267,7 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             seconds = seconds.or(Some((periods * realisations) as f64 / hz[0]));
             Shape::Multisine {
                 hz,
-                odd: options.flag("odd"),
+                odd: options.flag("odd")?,
                 periods: periods as u32,
                 realisations: realisations as u32,
                 seed: options.whole("seed")?.unwrap_or(1),
@@ -267,10 +279,11 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         return Err("only a ladder has a count after `/`".into());
     }
     let seconds = options.seconds("for")?.or(seconds);
-    let shaped = options.flag("shaped");
+    let shaped = options.flag("shaped")?;
     options.finish()?;
     let amplitude = match (amplitude, &shape) {
-        (_, Shape::Zero) => 0.0,
+        (None, Shape::Zero) => 0.0,
+        (Some(_), Shape::Zero) => return Err("a zero has no amplitude".into()),
         (Some(amplitude), _) => amplitude,
         (None, _) => return Err(format!("a {kind} needs an amplitude, as in `{kind}:20um`")),
     };
@@ -284,7 +297,7 @@ fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {
         return Err("needs a path, as in `file:reference.csv`".into());
     }
     let mut options = Options::parse(fields)?;
-    let unit = match options.text("unit").as_deref() {
+    let unit = match options.text("unit")?.as_deref() {
         None | Some("um") => Unit::Micrometre,
         Some("V") => Unit::Volt,
         Some(other) => return Err(format!("unit={other} is neither um nor V")),
@@ -293,7 +306,7 @@ fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {
         shape: Shape::File { path: PathBuf::from(path) },
         amplitude: if unit == Unit::Micrometre { 1e-6 } else { 1.0 },
         seconds: options.seconds("for")?,
-        shaped: options.flag("shaped"),
+        shaped: options.flag("shaped")?,
     };
     options.finish()?;
     Ok((part, Some(unit)))
@@ -327,7 +340,7 @@ fn parse_time(text: &str) -> Result<f64, String> {
 
 #[derive(Clone, Copy)]
 enum When {
-    Tone { hz: f64 },
+    Tone { hz: f64, seconds: Option<f64> },
     Band { hz: [f64; 2], seconds: Option<f64> },
     Time { seconds: f64 },
 }
@@ -339,7 +352,10 @@ impl When {
             return parse_time(text).map(|seconds| Self::Time { seconds });
         };
         let seconds = time.map(parse_time).transpose()?;
-        match frequency.split_once('-') {
+        // The dash of a band stands behind a number, and not behind the e of one.
+        let dash = frequency.match_indices('-').map(|(at, _)| at);
+        let dash = dash.into_iter().find(|&at| at > 0 && !frequency[..at].ends_with(['e', 'E']));
+        match dash.map(|at| (&frequency[..at], &frequency[at + 1..])) {
             Some((from, to)) => {
                 let hz = [positive(from)?, positive(to)?];
                 if hz[1] <= hz[0] {
@@ -347,7 +363,7 @@ impl When {
                 }
                 Ok(Self::Band { hz, seconds })
             }
-            None => Ok(Self::Tone { hz: positive(frequency)? }),
+            None => Ok(Self::Tone { hz: positive(frequency)?, seconds }),
         }
     }
 }
@@ -376,32 +392,49 @@ impl Options {
         Some(self.0.remove(at).1)
     }
 
-    fn flag(&mut self, name: &str) -> bool {
-        self.take(name).is_some()
+    fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|(n, _)| n == name)
     }
 
-    fn text(&mut self, name: &str) -> Option<String> {
-        self.take(name).flatten()
+    fn flag(&mut self, name: &str) -> Result<bool, String> {
+        match self.take(name) {
+            Some(Some(value)) => Err(format!("`{name}` takes no value, and {value:?} is given")),
+            taken => Ok(taken.is_some()),
+        }
+    }
+
+    fn text(&mut self, name: &str) -> Result<Option<String>, String> {
+        match self.take(name) {
+            Some(None) => Err(format!("`{name}` needs a value, as in `{name}=...`")),
+            taken => Ok(taken.flatten()),
+        }
     }
 
     fn seconds(&mut self, name: &str) -> Result<Option<f64>, String> {
-        self.text(name).map(|t| parse_time(&t)).transpose()
+        self.text(name)?.map(|t| parse_time(&t)).transpose()
     }
 
     fn whole(&mut self, name: &str) -> Result<Option<u64>, String> {
-        self.text(name).map(|t| t.parse().map_err(|_| format!("{name}={t} is not a whole number"))).transpose()
+        self.text(name)?.map(|t| t.parse().map_err(|_| format!("{name}={t} is not a whole number"))).transpose()
     }
 
     fn finish(self) -> Result<(), String> {
         match self.0.first() {
             None => Ok(()),
-            Some((name, _)) => Err(format!("unknown option {name:?}")),
+            Some((name, _)) => Err(format!("unknown option {name:?}, or given twice")),
         }
     }
 }
 
 /// Amplitudes of the nested loops, two periods each.
 const MINOR_LOOP_SCALES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+
+/// Most samples in the tables of one part: 80 MB.
+const MOST_TABLE_SAMPLES: f64 = 2e7;
+/// Most products of samples and lines in a multisine: some seconds of work.
+const MOST_LINE_SAMPLES: f64 = 2e9;
+/// Samples after which a line's phasor is set anew, so that its rounding stays below 64 units in the last place.
+const PHASOR_RUN: usize = 64;
 
 /// Samples of a waveform that boards play from a table, for an amplitude of one; `None` for the kinds they generate.
 ///
@@ -427,6 +460,13 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
                     rate_hz / 2.0
                 ));
             }
+            let samples = period * f64::from(*realisations);
+            if samples > MOST_TABLE_SAMPLES || samples * (hz[1] / hz[0]) > MOST_LINE_SAMPLES {
+                return Err(format!(
+                    "{samples:.0} samples of up to {:.0} lines are too many to make: lower the rate, the realisations or the highest line",
+                    hz[1] / hz[0]
+                ));
+            }
             let mut random = Pcg64::seed_from_u64(*seed);
             let tables =
                 (0..*realisations).map(|_| multisine(period.round() as usize, hz[1] / hz[0], *odd, &mut random));
@@ -434,7 +474,11 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
         }
         Shape::MinorLoops { hz } => {
             let period = rate_hz / hz;
-            let total = (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round() as usize;
+            let total = (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round();
+            if total > MOST_TABLE_SAMPLES {
+                return Err(format!("{total:.0} samples are too many to make: lower the rate or raise the frequency"));
+            }
+            let total = total as usize;
             let sample = |k: usize| {
                 let turns = k as f64 / period;
                 let scale = MINOR_LOOP_SCALES[((turns / 2.0) as usize).min(MINOR_LOOP_SCALES.len() - 1)];
@@ -453,9 +497,15 @@ fn multisine(period: usize, lines: f64, odd: bool, random: &mut Pcg64) -> Vec<f3
     let mut wave = vec![0.0f64; period];
     for line in (1..=lines).step_by(if odd { 2 } else { 1 }) {
         let phase: f64 = random.random_range(0.0..TAU);
-        for (k, sample) in wave.iter_mut().enumerate() {
+        let (turn_sin, turn_cos) = (TAU * line as f64 / period as f64).sin_cos();
+        for (run, samples) in wave.chunks_mut(PHASOR_RUN).enumerate() {
             // The product is reduced in whole numbers first, so that high lines keep their phase exactly.
-            *sample += (TAU * ((line * k) % period) as f64 / period as f64 + phase).cos();
+            let turns = (line * run * PHASOR_RUN) % period;
+            let (mut sin, mut cos) = (TAU * turns as f64 / period as f64 + phase).sin_cos();
+            for sample in samples {
+                *sample += cos;
+                (cos, sin) = (cos * turn_cos - sin * turn_sin, sin * turn_cos + cos * turn_sin);
+            }
         }
     }
     let peak = wave.iter().fold(0.0f64, |m, s| m.max(s.abs()));
@@ -465,6 +515,7 @@ fn multisine(period: usize, lines: f64, odd: bool, random: &mut Pcg64) -> Vec<f3
 fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
     let mut samples = Vec::new();
+    let mut header_allowed = true;
     for (index, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
@@ -472,9 +523,17 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
         }
         match line.parse::<f32>() {
             Ok(value) if value.is_finite() => samples.push(value),
-            _ if index == 0 => {} // a header
-            _ => return Err(format!("{}:{}: {line:?} is not a number", path.display(), index + 1)),
+            _ if header_allowed && line.chars().any(char::is_alphabetic) => {}
+            _ => {
+                let shown: String = line.chars().take(40).collect();
+                return Err(format!(
+                    "{}, line {}: {shown:?} is not a number; a reference file has one number per line",
+                    path.display(),
+                    index + 1
+                ));
+            }
         }
+        header_allowed = false;
     }
     if samples.is_empty() { Err(format!("{} holds no numbers", path.display())) } else { Ok(samples) }
 }
@@ -500,6 +559,9 @@ mod tests {
         assert_eq!(sequence.parts[1].seconds, Some(24.0));
         assert_eq!(sequence.unit, Some(Unit::Volt));
         assert!(one("step:80um,shaped").shaped);
+        assert_eq!(one("sine:20um@10Hz/2s").seconds, Some(2.0));
+        assert_eq!(one("sine:20um@1e-3Hz").shape, Shape::Sine { hz: 1e-3 });
+        assert_eq!(one("sweep:20V@1e-3-2e1Hz/4s").shape, Shape::Sweep { hz: [1e-3, 20.0], log: false });
     }
 
     #[test]
@@ -509,13 +571,18 @@ mod tests {
             ("step:80", "needs its unit"),
             ("step", "needs an amplitude"),
             ("sine:20um", "needs a frequency"),
-            ("sine:20um@-5Hz", "not a number"),
+            ("sine:20um@-5Hz", "greater than zero"),
             ("sweep:20V@2000-1Hz/4s", "upwards"),
             ("step:80um+zero", "needs a length"),
             ("step:80um@1s+hold:2V", "mixes um and V"),
             ("step:80um,foo=3", "unknown option \"foo\""),
             ("ladder:60V/0,hold=2s", "levels"),
             ("sine:nanum@5Hz", "not a number"),
+            ("step:80um@10Hz", "no frequency"),
+            ("zero:80um", "no amplitude"),
+            ("step:80um,shaped=no", "takes no value"),
+            ("step:80um,for", "needs a value"),
+            ("ladder:60V/8,hold=2s,for=3s", "as long as its levels"),
         ] {
             let message = Spec::parse(text).expect_err(text).to_string();
             assert!(message.contains(part) && !message.contains('\n'), "{text}: {message}");

@@ -2,21 +2,30 @@
 
 use crate::toml_layout::lay_out;
 use serde::{Serialize, de::DeserializeOwned};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// What can go wrong with a parameter file.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file can't be read at all.
-    #[error("{}: cannot be read: {reason}", path.display())]
+    #[error("{}: cannot be read: {reason}; check the path", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
         /// What the system says.
         reason: String,
     },
+    /// Bytes that are no text.
+    #[error("{}: is not a text file (byte {offset}); a parameter file is TOML", path.display())]
+    NotText {
+        /// The file.
+        path: PathBuf,
+        /// Where, counted from 0.
+        offset: usize,
+    },
     /// Not TOML, or a key is missing, unknown or of the wrong type.
-    #[error("{}:{line}: {reason}", path.display())]
+    #[error("{}, line {line}: {reason}", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,
@@ -26,12 +35,12 @@ pub enum FileError {
         reason: String,
     },
     /// Another kind of file, or another version.
-    #[error("{}: schema is {found:?}, this version reads {expected:?}", path.display())]
+    #[error("{}: {} and {expected:?} is wanted here; name another file", path.display(), match found { Some(found) => format!("schema is {found:?}"), None => "no schema is stated".to_owned() })]
     Schema {
         /// The file.
         path: PathBuf,
-        /// The schema it names.
-        found: String,
+        /// The schema it names, if it names one.
+        found: Option<String>,
         /// The schema that was wanted.
         expected: &'static str,
     },
@@ -44,7 +53,7 @@ pub enum FileError {
         reason: String,
     },
     /// The file can't be written.
-    #[error("{}: cannot be written: {reason}", path.display())]
+    #[error("{}: cannot be written: {reason}; name another place", path.display())]
     Unwritable {
         /// The file.
         path: PathBuf,
@@ -58,28 +67,27 @@ pub enum FileError {
 /// # Errors
 /// See [`FileError`].
 pub(crate) fn read<T: DeserializeOwned>(path: &Path, schema: &'static str) -> Result<T, FileError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| FileError::Unreadable { path: path.to_owned(), reason: e.to_string() })?;
+    let bytes =
+        std::fs::read(path).map_err(|e| FileError::Unreadable { path: path.to_owned(), reason: e.to_string() })?;
+    let text = String::from_utf8(bytes)
+        .map_err(|e| FileError::NotText { path: path.to_owned(), offset: e.utf8_error().valid_up_to() })?;
     let syntax = |e: toml::de::Error| FileError::Syntax {
         path: path.to_owned(),
         line: e.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1),
-        reason: e.message().replace('\n', "; "),
+        reason: e.message().trim().replace('\n', "; "),
     };
     let table: toml::Table = text.parse().map_err(syntax)?;
     match table.get("schema").and_then(toml::Value::as_str) {
         Some(found) if found == schema => {}
         found => {
-            return Err(FileError::Schema {
-                path: path.to_owned(),
-                found: found.unwrap_or("missing").to_owned(),
-                expected: schema,
-            });
+            return Err(FileError::Schema { path: path.to_owned(), found: found.map(str::to_owned), expected: schema });
         }
     }
     toml::from_str(&text).map_err(syntax)
 }
 
-/// Writes `value` as TOML to a temporary file beside `path` and renames it, so that `path` is whole or untouched.
+/// Writes `value` as TOML to a temporary file beside `path` and renames it, so that `path` is whole or untouched. Through a link, its
+/// target is replaced; a device or a pipe is written to, for it can't be replaced.
 ///
 /// # Errors
 /// [`FileError::Unwritable`].
@@ -87,9 +95,14 @@ pub(crate) fn write<T: Serialize>(path: &Path, value: &T) -> Result<(), FileErro
     let unwritable = |reason: String| FileError::Unwritable { path: path.to_owned(), reason };
     let text = toml::to_string(value).map_err(|e| unwritable(e.to_string()))?;
     let text = lay_out(&text).map_err(|e| unwritable(e.to_string()))?;
-    let mut temporary = path.as_os_str().to_owned();
-    temporary.push(".part");
-    std::fs::write(&temporary, text).and_then(|()| std::fs::rename(&temporary, path)).map_err(|e| {
+    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if target.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+        let device = std::fs::OpenOptions::new().write(true).open(&target);
+        return device.and_then(|mut device| device.write_all(text.as_bytes())).map_err(|e| unwritable(e.to_string()));
+    }
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = target.with_file_name(format!(".{name}.{}.part", std::process::id()));
+    std::fs::write(&temporary, text).and_then(|()| std::fs::rename(&temporary, &target)).map_err(|e| {
         let _ = std::fs::remove_file(&temporary);
         unwritable(e.to_string())
     })

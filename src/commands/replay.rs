@@ -12,6 +12,7 @@ use plant_sim::log::{self, Column, Log, Meta, Row, Writer};
 use plant_sim::metrics::Score;
 use plant_sim::model::Model;
 use plant_sim::replay::{Initial, Player, Start};
+use std::collections::VecDeque;
 
 /// Rows that are kept in memory: for the fit of the start, for warnings, and for the residual's autocorrelation.
 const HEAD_ROWS: usize = 200_000;
@@ -31,7 +32,7 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
         (initial, _) => fit_start(&chain, &head, initial, run_in, call.free_offset)?,
     };
     let spinner = output::spinner();
-    let mut replay = Replay { call, chain: &chain, start: &start, run_in, spinner: &spinner };
+    let mut replay = Replay { call, chain: &chain, head: &head, start: &start, run_in, spinner: &spinner };
     // A free offset is the mean of the whole residual, which is known only after a first pass over the log.
     let offset_m = if call.free_offset { replay.pass(0.0, |_, _| Ok(()))?.offset_m() } else { 0.0 };
     let meta = Meta { rate_hz: head.meta.rate_hz, ..Meta::default() };
@@ -102,6 +103,7 @@ fn head(call: &ReplayCall) -> Result<Log, Failure> {
 struct Replay<'a> {
     call: &'a ReplayCall,
     chain: &'a Chain,
+    head: &'a Log,
     start: &'a Start,
     run_in: usize,
     spinner: &'a ProgressBar,
@@ -115,19 +117,26 @@ impl Replay<'_> {
         mut sink: impl FnMut(&Row, f64) -> Result<(), Failure>,
     ) -> Result<Score, Failure> {
         let mut reader = log::open(&self.call.log, &self.call.read.options())?;
-        let Some(first) = reader.next().transpose()? else {
-            return Ok(Score::default());
-        };
-        // The reader knows the sampling interval from the second row on; the command after the present one is needed as well.
-        let mut next = reader.next().transpose()?;
-        let meta = reader.meta().clone();
-        let mut player = Player::new(self.chain, reader.dt_s(), meta.latency_s, meta.hold, self.start);
+        let meta = &self.head.meta;
+        // The head knows the sampling interval better than the first rows do, whose printed times are rounded.
+        let mut player = Player::new(self.chain, self.head.dt_s, meta.latency_s, meta.hold, self.start);
         let mut score = Score::default();
-        let mut row = first;
         let mut rows = 0usize;
+        // The present row and those that its hold calls for.
+        let mut window: VecDeque<Row> = VecDeque::new();
+        let mut commands_v: VecDeque<f64> = VecDeque::new();
         loop {
-            let next_command_v = next.as_ref().map_or(row.command_v, |next: &Row| next.command_v);
-            let predicted_m = offset_m + player.row(row.command_v, next_command_v, row.force_n.unwrap_or(0.0));
+            while window.len() <= player.look_ahead()
+                && let Some(row) = reader.next().transpose()?
+            {
+                commands_v.push_back(row.command_v);
+                window.push_back(row);
+            }
+            let Some(row) = window.pop_front() else {
+                return Ok(score);
+            };
+            let predicted_m = offset_m + player.step(commands_v.make_contiguous(), row.force_n.unwrap_or(0.0));
+            commands_v.pop_front();
             if rows >= self.run_in {
                 score.add(row.displacement_m, predicted_m);
             }
@@ -136,11 +145,6 @@ impl Replay<'_> {
             if rows.is_multiple_of(100_000) {
                 self.spinner.set_message(format!("replaying, {rows} rows"));
             }
-            match next {
-                Some(following) => row = following,
-                None => return Ok(score),
-            }
-            next = reader.next().transpose()?;
         }
     }
 }

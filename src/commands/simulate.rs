@@ -3,6 +3,7 @@
 use crate::arguments::SimulateCall;
 use crate::failure::Failure;
 use crate::output;
+use control_core::Limits;
 use gap_diagnosis::page::{SimulationView, four_digits, simulation_page};
 use plant_sim::chain::Chain;
 use plant_sim::controller::Controller;
@@ -37,7 +38,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
         start: &start,
         rate_hz: call.rate,
         samples,
-        latency_s: call.delay_us * 1e-6,
+        latency_s: call.delay_us / 1e6,
         seed: call.seed,
     };
     let mut facts = Vec::new();
@@ -62,10 +63,14 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let reference = (!recording.reference_m.is_empty()).then_some(recording.reference_m.as_slice());
     let mut metrics = loop_metrics(task(spec), recording.dt_s, reference, &recording.displacement_m);
     metrics.peak_v = recording.command_v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    metrics.limited_samples = recording.limited_by.iter().filter(|l| !l.is_empty()).count();
+    metrics.limited_samples = recording.limited_by.iter().filter(|l| !without_shaping(**l).is_empty()).count();
+    metrics.shaped_samples = recording.limited_by.iter().filter(|l| l.intersects(SHAPING)).count();
     let words = limit_words(&recording);
     if !words.is_empty() {
         warnings.push(format!("limits acted in {} of {samples} samples: {words}", metrics.limited_samples));
+    }
+    if metrics.shaped_samples > 0 {
+        facts.push(("reference shaped".to_owned(), format!("in {} of {samples} samples", metrics.shaped_samples)));
     }
     if recording.limited_by.iter().any(|l| l.is_safe_state()) {
         warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
@@ -106,14 +111,27 @@ fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
         }
     };
     if rows < 1.0 {
-        return Err(Failure::call(format!("--seconds is shorter than one sample at {} Hz", call.rate)));
+        return Err(Failure::call(format!("--seconds is shorter than one sample at {} Hz", plain(call.rate))));
     }
     if rows > MOST_ROWS {
         return Err(Failure::call(format!(
-            "{rows:.0} samples are more than the {MOST_ROWS:.0} that one call makes: lower --rate or --seconds"
+            "{} samples are more than the {MOST_ROWS:.0} that one call makes: lower --rate or --seconds",
+            plain(rows)
+        )));
+    }
+    if call.delay_us / 1e6 * call.rate > rows {
+        return Err(Failure::call(format!(
+            "--delay-us {} is longer than the run of {} s, so that nothing would move: lower it",
+            plain(call.delay_us),
+            plain(rows / call.rate)
         )));
     }
     Ok(rows as usize)
+}
+
+/// A number in as few digits as identify it, with an exponent where it is very large or small.
+fn plain(value: f64) -> String {
+    if (1e-6..1e12).contains(&value) { value.to_string() } else { format!("{value:e}") }
 }
 
 /// Refuses an unstable loop, warns of a thin margin, and says what the margin is.
@@ -124,7 +142,7 @@ fn stability(
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
     let regions = chain.plant.linear_regions()?;
-    let law = sampled_loop(settings, call.rate, call.delay_us * 1e-6 + chain.drive.delay_s);
+    let law = sampled_loop(settings, call.rate, call.delay_us / 1e6 + chain.drive.delay_s);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {
         Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {
@@ -170,9 +188,16 @@ fn task(spec: &Spec) -> Task {
     }
 }
 
+/// What bounding the reference's rate and acceleration does: normal work, unlike the other limits.
+const SHAPING: Limits = Limits::REFERENCE_RATE.union(Limits::REFERENCE_ACCELERATION);
+
+fn without_shaping(limits: Limits) -> Limits {
+    Limits::from_bits(limits.bits() & !SHAPING.bits())
+}
+
 fn limit_words(recording: &Recording) -> String {
-    let all = recording.limited_by.iter().fold(control_core::Limits::NONE, |all, l| all | *l);
-    all.words().collect::<Vec<_>>().join(", ").replace('_', " ")
+    let all = recording.limited_by.iter().fold(Limits::NONE, |all, l| all | *l);
+    without_shaping(all).words().collect::<Vec<_>>().join(", ").replace('_', " ")
 }
 
 fn write_log(call: &SimulateCall, recording: &Recording, controller: Option<String>) -> Result<(), Failure> {

@@ -57,6 +57,10 @@ pub struct Simulator {
     stepper: Box<dyn Stepper>,
     /// Commands on their way, the oldest (acting) one first.
     pending: VecDeque<Held>,
+    /// What is held until the first command arrives, and how many samples ahead of `pending` it stands in the queue. Counted and not
+    /// queued, because a file may state any delay.
+    before: Held,
+    before_samples: f64,
     sample_s: f64,
     /// Time from a sample's start until the command that arrives within it does; zero if commands arrive at sample starts.
     fraction_s: f64,
@@ -78,13 +82,14 @@ impl Simulator {
         }
         let fraction_s = fraction * sample_s;
         let spans = if fraction > 0.0 { Spans::split(sample_s, fraction_s) } else { Spans::whole(sample_s) };
-        let in_flight = whole as usize + usize::from(fraction > 0.0);
         Self {
             plant: chain.plant.clone(),
             drive: chain.drive.clone(),
             offset_m: chain.sensor.offset_m,
             stepper: stepper(&Dynamics::of_plant(&chain.plant), spans),
-            pending: VecDeque::from(vec![Held::zero_order(0.0); in_flight]),
+            pending: VecDeque::new(),
+            before: Held::zero_order(0.0),
+            before_samples: whole + if fraction > 0.0 { 1.0 } else { 0.0 },
             sample_s,
             fraction_s,
         }
@@ -93,9 +98,7 @@ impl Simulator {
     /// Starts from `state` with `drive_v` held ever before.
     pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
         self.stepper.set_state(&pack(state));
-        for held in &mut self.pending {
-            *held = Held::zero_order(drive_v);
-        }
+        self.before = Held::zero_order(drive_v);
     }
 
     /// The state at the present sample's start.
@@ -111,17 +114,23 @@ impl Simulator {
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
     pub fn advance(&mut self, command: Held, force_n: f64) {
         self.pending.push_back(command);
-        if self.fraction_s > 0.0
-            && let Some(old) = self.pending.pop_front()
-        {
+        let acting = self.take_oldest();
+        if self.fraction_s > 0.0 {
             // The old command has acted for the rest of a sample already.
-            self.push(0, old, self.sample_s - self.fraction_s, self.fraction_s, force_n);
-            let new = self.pending.front().copied().unwrap_or(command);
-            self.push(1, new, 0.0, self.sample_s - self.fraction_s, force_n);
+            self.push(0, acting, self.sample_s - self.fraction_s, self.fraction_s, force_n);
+            let arriving = if self.before_samples >= 1.0 { Some(self.before) } else { self.pending.front().copied() };
+            self.push(1, arriving.unwrap_or(command), 0.0, self.sample_s - self.fraction_s, force_n);
         } else {
-            let acting = self.pending.pop_front().unwrap_or(command);
             self.push(0, acting, 0.0, self.sample_s, force_n);
         }
+    }
+
+    fn take_oldest(&mut self) -> Held {
+        if self.before_samples >= 1.0 {
+            self.before_samples -= 1.0;
+            return self.before;
+        }
+        self.pending.pop_front().unwrap_or(self.before)
     }
 
     fn push(&mut self, span: usize, held: Held, age_s: f64, duration_s: f64, force_n: f64) {

@@ -1,0 +1,125 @@
+//! What the whole-path tests share: the command as a process, a folder for each test, and logs to feed it.
+//!
+//! Each test program compiles this anew and uses a part of it.
+#![allow(dead_code, reason = "each test program uses a part of this module")]
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The workspace's root.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The thesis' plant and controllers.
+pub const PLANT: &str = "models/thesis-phs.toml";
+pub const PI1: &str = "controllers/pi1.toml";
+
+/// Runs the command from the workspace's root.
+pub fn hysteron<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+    command.current_dir(root()).args(arguments).output().expect("the command starts")
+}
+
+/// Runs the command with the words of `line`; `@/` in a word stands for the folder.
+pub fn run(folder: &Folder, line: &str) -> Output {
+    hysteron(line.split_whitespace().map(|word| folder.fill_in(word)))
+}
+
+/// A folder of a test, gone when the test passes or fails.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("hysteron-{name}-{}", std::process::id()));
+        fs::create_dir_all(&path).expect("a temporary folder");
+        Self(path)
+    }
+
+    /// `text` with the folder's path for each `@/`.
+    pub fn fill_in(&self, text: &str) -> String {
+        text.replace("@/", &format!("{}/", self.0.display()))
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        fs::write(&path, content).expect("a file in a temporary folder");
+        path
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// Names of all files, hidden ones too, in order.
+    pub fn names(&self) -> Vec<String> {
+        let entries = fs::read_dir(&self.0).expect("a temporary folder");
+        let mut names: Vec<String> =
+            entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// What the command printed on standard error.
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).expect("standard error is text")
+}
+
+/// What the command printed on standard output.
+pub fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).expect("standard output is text")
+}
+
+/// Asserts success and gives what was printed on standard error, warnings at most.
+pub fn succeeded(output: &Output) -> String {
+    let said = stderr(output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    said
+}
+
+/// The JSON object that the command printed: one line, each number finite or null.
+pub fn json(output: &Output) -> serde_json::Map<String, serde_json::Value> {
+    let said = stdout(output);
+    assert_eq!(said.lines().count(), 1, "{said}{}", stderr(output));
+    // JSON has no NaN and no infinity: a text that parses has none.
+    match serde_json::from_str(&said) {
+        Ok(serde_json::Value::Object(map)) => map,
+        other => panic!("{other:?}: {said}"),
+    }
+}
+
+/// A number of such an object.
+pub fn number(map: &serde_json::Map<String, serde_json::Value>, key: &str) -> f64 {
+    map.get(key).and_then(serde_json::Value::as_f64).unwrap_or_else(|| panic!("{key} in {map:?}"))
+}
+
+/// A good log: `rows` rows at 1 kHz, a sine of 30 V and 25 Hz through a gain of 1.9 um/V.
+pub fn good_csv(rows: usize) -> String {
+    let mut text = "# rate_hz: 1000\ntime_s,command_V,displacement_um\n".to_owned();
+    for row in 0..rows {
+        let command_v = 30.0 * (std::f64::consts::TAU * 25.0 * row as f64 / 1e3).sin();
+        text.push_str(&format!("{:.3},{command_v:.6},{:.6}\n", row as f64 / 1e3, 1.9 * command_v));
+    }
+    text
+}
+
+/// A column of a CSV log by its name.
+pub fn column(csv: &str, name: &str) -> Vec<f64> {
+    let mut lines = csv.lines().filter(|line| !line.starts_with('#'));
+    let header = lines.next().expect("a header");
+    let index = header.split(',').position(|column| column == name).unwrap_or_else(|| panic!("{name} in {header}"));
+    lines.map(|line| line.split(',').nth(index).and_then(|cell| cell.parse().ok()).expect("a number")).collect()
+}
