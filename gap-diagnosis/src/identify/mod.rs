@@ -205,7 +205,10 @@ pub type Progress<'a> = &'a (dyn Fn(&str, usize) + Sync);
 pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Result<Fit, IdentifyError> {
     check(logs, options)?;
     let simulations = AtomicUsize::new(0);
-    let fit = |nominal: Model, basis: Basis| Session::new(logs, options, nominal, basis, &simulations, progress).run();
+    let fit = |nominal: Model, basis: Basis| {
+        let session = Session::new(logs, options, nominal, basis, &simulations, progress);
+        session.run().map(|found| report::report(&session, &found))
+    };
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
         From::Logs { hysterons, mass_kg } => {

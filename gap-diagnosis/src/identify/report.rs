@@ -1,8 +1,8 @@
 //! What a search found, in numbers and words: values with sigma, what is unseen and why, how well each log is replayed.
 
-use super::parameters::{Free, Quantity, Scale};
+use super::parameters::{Quantity, Scale};
 use super::problem::{Problem, Record};
-use super::search::{Session, UNSEEN, covariance};
+use super::search::{Found, Session, UNSEEN, covariance};
 use super::{Fit, Fitted, LogFit, Verdict};
 use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
 use plant_sim::chain::Chain;
@@ -12,15 +12,9 @@ use plant_sim::replay::Player;
 use std::sync::atomic::Ordering;
 
 /// Puts into words and numbers what a search found.
-pub(super) fn report(
-    session: &Session<'_>,
-    records: &[Record<'_>],
-    problem: &Problem<'_>,
-    free: &[Free],
-    unseen: &[Free],
-    starts_rms_m: Vec<f64>,
-) -> Fit {
-    let z = problem.coordinates_now();
+pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
+    let Found { records, free, unseen, z, starts_rms_m } = found;
+    let problem = &Problem::new(records, free, &session.chain, session.simulations, z.clone());
     let covariance = covariance(problem);
     let fitted_chain = problem.chain(z);
     let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
@@ -107,7 +101,7 @@ pub(super) fn report(
         model,
         parameters,
         logs,
-        starts_rms_m,
+        starts_rms_m: starts_rms_m.clone(),
         aic: rows * log_mean_square + 2.0 * count,
         bic: rows * log_mean_square + count * rows.ln(),
         independent_samples: independent,

@@ -3,8 +3,7 @@
 
 use super::parameters::{Free, Quantity, Scale, StartCoordinates};
 use super::problem::{Problem, Record, spread_m};
-use super::report::report;
-use super::{Fit, IdentifyError, Options, Progress, guess, run_in_rows};
+use super::{IdentifyError, Options, Progress, guess, run_in_rows};
 use crate::residual::{noise_rms, samples_per_independent};
 use levenberg_marquardt::LevenbergMarquardt;
 use nalgebra::{DMatrix, DVector};
@@ -52,6 +51,20 @@ pub(super) enum Basis {
     Stated,
     /// It was guessed from the logs, which may be too slow to show a resonance.
     Guessed { resonance_seen: bool },
+}
+
+/// What a search found.
+pub(super) struct Found<'a> {
+    /// The logs, each with the unit by which its residuals were weighed in the end.
+    pub(super) records: Vec<Record<'a>>,
+    /// What was fitted.
+    pub(super) free: Vec<Free>,
+    /// What these logs can't see.
+    pub(super) unseen: Vec<Free>,
+    /// The coordinates.
+    pub(super) z: DVector<f64>,
+    /// Rms at the end of each start, best first, metres.
+    pub(super) starts_rms_m: Vec<f64>,
 }
 
 /// One fit of one nominal plant to the logs.
@@ -126,7 +139,7 @@ impl<'a> Session<'a> {
         self.logs.iter().map(|log| record(log, run_in_rows(log, self.options), self.options.initial, true)).collect()
     }
 
-    pub(super) fn run(&self) -> Result<Fit, IdentifyError> {
+    pub(super) fn run(&self) -> Result<Found<'a>, IdentifyError> {
         let records = self.records();
         let short = shortened(&self.chain, &records);
         let (free, hidden) = self.free();
@@ -185,10 +198,12 @@ impl<'a> Session<'a> {
                 let weighed = weigh(&records, &found);
                 let z = found.coordinates_now().clone();
                 let problem = descend(Problem::new(&weighed, &delayed, &self.chain, self.simulations, z), FINE);
-                return Ok(self.finish(&weighed, problem, &delayed, hidden, starts_rms_m));
+                let (free, unseen, z) = self.without_unseen(&weighed, &problem, delayed.clone(), hidden);
+                return Ok(Found { records: weighed, free, unseen, z, starts_rms_m });
             }
         }
-        Ok(self.finish(&records, problem, &free, hidden, starts_rms_m))
+        let (free, unseen, z) = self.without_unseen(&records, &problem, free.clone(), hidden);
+        Ok(Found { records, free, unseen, z, starts_rms_m })
     }
 
     /// Coordinates with a delay, if its linear estimate, with every other coordinate free to move, lies well above zero.
@@ -205,17 +220,16 @@ impl<'a> Session<'a> {
         (step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()).then(|| problem.coordinates_now() + step)
     }
 
-    /// Puts numbers that the logs can't see back at their priors, refits the rest, and reports.
-    fn finish(
+    /// Puts numbers that the logs can't see back at their priors and refits the rest: what is fitted, what is unseen, coordinates.
+    fn without_unseen(
         &self,
         records: &[Record<'_>],
-        problem: Problem<'_>,
-        free: &[Free],
+        problem: &Problem<'_>,
+        free: Vec<Free>,
         hidden: Vec<Free>,
-        starts_rms_m: Vec<f64>,
-    ) -> Fit {
+    ) -> (Vec<Free>, Vec<Free>, DVector<f64>) {
         let z = problem.coordinates_now();
-        if let Some(covariance) = covariance(&problem) {
+        if let Some(covariance) = covariance(problem) {
             let dim = |i: usize, reach: f64| {
                 let sigma = covariance[(i, i)].sqrt();
                 i < free.len() && sigma > UNSEEN * free[i].prior_sigma && z[i].abs() < reach * sigma
@@ -235,11 +249,13 @@ impl<'a> Session<'a> {
                 let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
                 if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
                     let unseen: Vec<Free> = hidden.iter().copied().chain(pick(&dims)).collect();
-                    return report(self, records, &refitted, &seen, &unseen, starts_rms_m);
+                    let z = refitted.coordinates_now().clone();
+                    return (seen, unseen, z);
                 }
             }
         }
-        report(self, records, &problem, free, &hidden, starts_rms_m)
+        let z = z.clone();
+        (free, hidden, z)
     }
 }
 
