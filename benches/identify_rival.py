@@ -1,9 +1,9 @@
 """The identification that this project replaces: scipy's least_squares over a numba RK4 simulation of the same plant.
 
-    identify_rival.py LOG.csv        prints the seconds of one fit, then its residual in nm
+    identify_rival.py LOG.csv OFF..  prints the seconds of one fit, then the rms of its residual in nm
 
 LOG.csv has the columns t_s,u_V,y_um. Nine parameters (b, k, alpha and C, beta, d of two hysterons; the mass is weighed) are fitted as
-logarithms from a start that is up to 0.3 off, inside +-0.75. Compilation and reading are not counted.
+logarithms from a start that is OFF (nine numbers) off, inside +-0.75. Compilation and reading are not counted.
 """
 
 import sys
@@ -65,7 +65,7 @@ def main():
     log = np.loadtxt(sys.argv[1], delimiter=",", skiprows=1)
     drive, reading = log[:, 1].copy(), log[:, 2] * 1e-6
     dt = log[1, 0] - log[0, 0]
-    offset = np.random.default_rng(1).uniform(-0.3, 0.3, TRUE.size)
+    offset = np.array([float(word) for word in sys.argv[2:]])
     simulate(TRUE, drive[:10], dt)
 
     def residual(logarithms):
@@ -73,7 +73,7 @@ def main():
 
     begun = time.perf_counter()
     fit = least_squares(residual, offset, bounds=(-0.75, 0.75), method="trf")
-    print(f"{time.perf_counter() - begun:.3f} s, residual {20 * np.sqrt(2 * fit.cost / reading.size):.2f} nm")
+    print(f"{time.perf_counter() - begun:.3f} {20 * np.sqrt(2 * fit.cost / reading.size):.3f}")
 
 
 main()
