@@ -9,12 +9,19 @@ use std::collections::HashMap;
 /// A move is halved unless the velocity's cubic stays this far from zero, relative to the velocities and accelerations at its ends.
 /// The cubic's own error is (turning rate * move)^4 / 384 <= 0.0026 of that scale for moves of at most one turning time.
 const TURNING_MARGIN: f64 = 1e-2;
+/// What does not fit the cubic counts as well: an open dead zone may discharge much faster than the velocity turns, and then the mean
+/// acceleration is not the mean of those at the ends. Of A exp(-r t) the cubic misses at most 0.4 times that difference, whatever r.
+const MISFIT: f64 = 0.5;
 /// Largest product of turning rate and the longest move tried.
 const LONGEST: f64 = 1.0;
 /// Motion below this fraction of a dead zone's width can't matter: with 120 um of travel it is 1e-18 m.
 const NEGLIGIBLE: f64 = 1e-14;
-/// Crossings at one and the same instant before the engine moves on without one; rounding at an edge needs two.
-const CROSSINGS_AT_ONCE: u32 = 8;
+/// Crossings of one dead zone at one and the same instant before the engine moves on without one; rounding at an edge needs two.
+const CROSSINGS_AT_ONCE: u32 = 4;
+/// A state this close to an edge, relative to the edge, is on it: rounding, which the maps' doublings add up (about 2e-16 each, 50 at most).
+const ON_EDGE: f64 = 2e-14;
+/// Crossings closer together than this fraction of a finest step count as one instant: below 1e-13 s for the stiffest plant in use.
+const INSTANT: f64 = 1e-6;
 /// Halvings at the most: 2^50 finest steps are beyond what f64 time can resolve.
 const MOST_HALVINGS: u32 = 50;
 
@@ -43,8 +50,13 @@ struct OpenSet<const N: usize> {
     ladders: [Vec<Linear<N>>; 2],
 }
 
-/// One region: an open set with the signs of what is open.
+/// One region: an open set with the signs of what is open. What every sample needs stands first and in one piece.
 struct Region<const N: usize> {
+    /// The longest map of each span, copied from the open set's ladder, and the response to `constant` over it.
+    whole: [(Linear<N>, [f64; N]); 2],
+    /// Between which values each state keeps the signs.
+    low: [f64; N],
+    high: [f64; N],
     signs: Signs,
     open_set: usize,
     /// c, constants in x' = A x + b f + c.
@@ -97,6 +109,8 @@ pub struct Engine<const N: usize> {
     regions: Vec<Region<N>>,
     region_of: HashMap<Signs, usize>,
     x: [f64; N],
+    /// Acceleration at `x` without the force's share, kept from the check of the move that led there.
+    pull: f64,
     region: usize,
 }
 
@@ -132,6 +146,7 @@ impl<const N: usize> Engine<N> {
             regions: Vec::new(),
             region_of: HashMap::new(),
             x: [0.0; N],
+            pull: 0.0,
             region: 0,
         };
         engine.region = engine.region_index(Signs(0));
@@ -153,10 +168,25 @@ impl<const N: usize> Engine<N> {
         for (i, zone) in self.zones.iter().enumerate() {
             constant[zone.state] += signs.get(i) * zone.edge * zone.rate_per_s;
         }
-        let offsets = [0, 1].map(|span: usize| {
+        let offsets: [Vec<[f64; N]>; 2] = [0, 1].map(|span: usize| {
             self.open_sets[open_set].ladders[span].iter().map(|map| apply(&map.constant, &constant)).collect()
         });
-        self.regions.push(Region { signs, open_set, constant, offsets });
+        let whole = [0, 1].map(|span: usize| {
+            let ladder = &self.open_sets[open_set].ladders[span];
+            (ladder.first().cloned().unwrap_or_default(), offsets[span].first().copied().unwrap_or([0.0; N]))
+        });
+        let (mut low, mut high) = ([f64::NEG_INFINITY; N], [f64::INFINITY; N]);
+        for (i, zone) in self.zones.iter().enumerate() {
+            // With room for rounding: a stiff hysteron follows its edge more closely than f64 resolves, and a move must not be
+            // walked in finest steps because it ended one unit beside it.
+            let (within, beyond) = (zone.edge * (1.0 - ON_EDGE), zone.edge * (1.0 + ON_EDGE));
+            match signs.get(i) {
+                0.0 => (low[zone.state], high[zone.state]) = (-beyond, beyond),
+                1.0 => low[zone.state] = within,
+                _ => high[zone.state] = -within,
+            }
+        }
+        self.regions.push(Region { whole, low, high, signs, open_set, constant, offsets });
         self.region_of.insert(signs, self.regions.len() - 1);
         self.regions.len() - 1
     }
@@ -186,64 +216,59 @@ impl<const N: usize> Engine<N> {
         self.open_sets.len() - 1
     }
 
-    /// State after one map of region `region`.
+    /// State after `map` with the response `offset` to the region's constants.
     #[inline(always)]
-    fn moved<const RAMP: bool>(
-        &self,
-        region: &Region<N>,
-        span: usize,
-        rung: usize,
-        force_n: f64,
-        slope: f64,
-    ) -> [f64; N] {
-        let map = &self.open_sets[region.open_set].ladders[span][rung];
-        let mut y = region.offsets[span][rung];
-        for j in 0..N {
+    fn moved<const RAMP: bool>(&self, map: &Linear<N>, offset: &[f64; N], force_n: f64, slope: f64) -> [f64; N] {
+        // Two sums, so that neither waits for the other.
+        let mut y = *offset;
+        let mut driven = [0.0; N];
+        for i in 0..N {
+            driven[i] = map.force[i] * force_n;
+            if RAMP {
+                driven[i] += map.ramp[i] * slope;
+            }
+        }
+        for j in (0..N).step_by(2) {
             for i in 0..N {
                 y[i] += map.state[j][i] * self.x[j];
+                driven[i] += map.state[j + 1][i] * self.x[j + 1];
             }
         }
         for i in 0..N {
-            y[i] += map.force[i] * force_n;
-            if RAMP {
-                y[i] += map.ramp[i] * slope;
-            }
+            y[i] += driven[i];
         }
         y
     }
 
+    /// Acceleration at `x` without the force's share.
     #[inline(always)]
-    fn acceleration(&self, x: &[f64; N], force_n: f64) -> f64 {
-        let mut sum = self.force[VELOCITY] * force_n;
+    fn pull(&self, x: &[f64; N]) -> f64 {
+        let mut sum = 0.0;
         for j in 0..N {
             sum += self.acceleration_row[j] * x[j];
         }
         sum
     }
 
+    /// Whether the move from the present state to `y`, with acceleration `a1` there, within `duration_s` can't have left the region on
+    /// its way. `a0` is the acceleration at its start.
     #[inline(always)]
-    fn inside(&self, signs: Signs, x: &[f64; N]) -> bool {
-        self.zones.iter().enumerate().all(|(i, zone)| excess(zone, signs.get(i), x[zone.state]) >= 0.0)
-    }
-
-    /// Whether the move from the present state to `y` within `duration_s` can't have left the region on its way.
-    #[inline(always)]
-    fn stayed(&self, signs: Signs, y: &[f64; N], duration_s: f64, force_n: [f64; 2]) -> bool {
-        if !self.inside(signs, y) {
+    fn stayed(&self, region: &Region<N>, y: &[f64; N], duration_s: f64, [a0, a1]: [f64; 2]) -> bool {
+        if !inside(region, y) {
             return false;
         }
         let (w0, w1) = (self.x[VELOCITY], y[VELOCITY]);
-        let (a0, a1) = (self.acceleration(&self.x, force_n[0]), self.acceleration(y, force_n[1]));
         // Bezier points of the cubic through both ends; the cubic lies in their hull.
         let (p1, p2) = (w0 + a0 * duration_s / 3.0, w1 - a1 * duration_s / 3.0);
+        let misfit = (w1 - w0 - 0.5 * duration_s * (a0 + a1)).abs();
         let size = w0.abs() + w1.abs() + duration_s * (a0.abs() + a1.abs());
-        let margin = TURNING_MARGIN * size;
-        if (w0 >= 0.0 && w1 >= 0.0 && p1 > margin && p2 > margin)
-            || (w0 <= 0.0 && w1 <= 0.0 && p1 < -margin && p2 < -margin)
-        {
+        let margin = TURNING_MARGIN * size + MISFIT * misfit;
+        // Both ends and both Bezier points on one side of zero; the sign of the start is free where it is zero.
+        let sign = if w0 + w1 < 0.0 { -1.0 } else { 1.0 };
+        if sign * w0 >= 0.0 && sign * w1 >= 0.0 && sign * p1 > margin && sign * p2 > margin {
             return true;
         }
-        self.out_of_reach(signs, duration_s, 2.0 * duration_s * size)
+        self.out_of_reach(region.signs, duration_s, 2.0 * duration_s * size)
     }
 
     /// Whether no edge lies within `reach_m` of displacement from the present state.
@@ -266,14 +291,19 @@ impl<const N: usize> Engine<N> {
         }
         if self.coarsest[span] == 0 {
             let region = &self.regions[self.region];
-            let y = self.moved::<RAMP>(region, span, 0, force_n, slope);
-            if self.stayed(region.signs, &y, duration_s, [force_n, force_n + slope * duration_s]) {
+            let (map, offset) = &region.whole[span];
+            let y = self.moved::<RAMP>(map, offset, force_n, slope);
+            let (pull, drive) = (self.pull(&y), self.force[VELOCITY]);
+            let ends = [self.pull + drive * force_n, pull + drive * (force_n + slope * duration_s)];
+            if self.stayed(region, &y, duration_s, ends) {
                 audit.map(self, span, 0, force_n);
                 self.x = y;
+                self.pull = pull;
                 return;
             }
         }
         self.walk::<RAMP, A>(span, force_n, slope, audit);
+        self.pull = self.pull(&self.x);
     }
 
     /// The slow path: descends the ladder where a whole move is not certain, and crosses edges.
@@ -281,8 +311,15 @@ impl<const N: usize> Engine<N> {
     fn walk<const RAMP: bool, A: Audit<N>>(&mut self, span: usize, force_n: f64, slope: f64, audit: &mut A) {
         let duration_s = self.durations_s[span];
         let coarsest = self.coarsest[span];
+        let drive = self.force[VELOCITY];
+        let most_crossings = CROSSINGS_AT_ONCE * (1 + self.zones.len() as u32);
         let mut left_s = duration_s;
         let mut crossings_at_once = 0;
+        if !(force_n + slope * duration_s + self.x.iter().sum::<f64>()).is_finite() {
+            // Nothing to find in a state that is no number, and no move would ever be certain.
+            self.x = [f64::NAN; N];
+            return;
+        }
         'region: while left_s > 1e-15 * duration_s {
             let halvings = self.open_sets[self.regions[self.region].open_set].halvings[span];
             let tick_s = duration_s * 0.5f64.powi(halvings as i32);
@@ -293,41 +330,51 @@ impl<const N: usize> Engine<N> {
             if fraction_s > 1e-12 * tick_s {
                 let now_n = force_n + slope * (duration_s - left_s);
                 let (moved_s, crossed) =
-                    self.finest_step(fraction_s, now_n, slope, crossings_at_once < CROSSINGS_AT_ONCE, audit);
-                crossings_at_once = if moved_s > 0.0 { 0 } else { crossings_at_once + 1 };
+                    self.finest_step(fraction_s, now_n, slope, crossings_at_once < most_crossings, audit);
+                crossings_at_once = if moved_s > INSTANT * tick_s { 0 } else { crossings_at_once + 1 };
                 left_s -= moved_s;
                 if crossed {
                     continue 'region;
                 }
             }
+            // Ticks left at the end of the shortest move that ended outside: no use in trying that end again.
+            let mut outside_at = None;
+            let mut level = coarsest;
+            let mut pull = self.pull(&self.x);
             while ticks > 0 {
-                let mut level = (halvings - ticks.ilog2()).max(coarsest);
+                level = level.max(halvings - ticks.ilog2());
                 left_s = ticks as f64 * tick_s;
                 let now_n = force_n + slope * (duration_s - left_s);
-                loop {
-                    let rung = (level - coarsest) as usize;
-                    let move_s = duration_s * 0.5f64.powi(level as i32);
-                    let region = &self.regions[self.region];
-                    let y = self.moved::<RAMP>(region, span, rung, now_n, slope);
-                    if self.stayed(region.signs, &y, move_s, [now_n, now_n + slope * move_s]) {
-                        audit.map(self, span, rung, now_n);
-                        self.x = y;
-                        ticks -= 1 << (halvings - level);
-                        break;
+                if level < halvings && outside_at == Some(ticks - (1 << (halvings - level))) {
+                    level += 1;
+                }
+                let region = &self.regions[self.region];
+                let rung = (level - coarsest) as usize;
+                let move_s = duration_s * 0.5f64.powi(level as i32);
+                let map = &self.open_sets[region.open_set].ladders[span][rung];
+                let y = self.moved::<RAMP>(map, &region.offsets[span][rung], now_n, slope);
+                let pull_y = self.pull(&y);
+                let ends = [pull + drive * now_n, pull_y + drive * (now_n + slope * move_s)];
+                if self.stayed(region, &y, move_s, ends) {
+                    audit.map(self, span, rung, now_n);
+                    (self.x, pull) = (y, pull_y);
+                    ticks -= 1 << (halvings - level);
+                    level = level.saturating_sub(1).max(coarsest);
+                } else if level < halvings {
+                    if !inside(region, &y) {
+                        outside_at = Some(ticks - (1 << (halvings - level)));
                     }
-                    if level < halvings {
-                        level += 1;
-                        continue;
-                    }
+                    level += 1;
+                } else {
                     let (moved_s, crossed) =
-                        self.finest_step(tick_s, now_n, slope, crossings_at_once < CROSSINGS_AT_ONCE, audit);
-                    crossings_at_once = if moved_s > 0.0 { 0 } else { crossings_at_once + 1 };
+                        self.finest_step(tick_s, now_n, slope, crossings_at_once < most_crossings, audit);
+                    crossings_at_once = if moved_s > INSTANT * tick_s { 0 } else { crossings_at_once + 1 };
                     if crossed {
                         left_s -= moved_s;
                         continue 'region;
                     }
+                    pull = self.pull(&self.x);
                     ticks -= 1;
-                    break;
                 }
             }
             return;
@@ -344,6 +391,12 @@ impl<const N: usize> Engine<N> {
         may_cross: bool,
         audit: &mut A,
     ) -> (f64, bool) {
+        if let Some((zone, sign)) = self.leaving_an_edge().filter(|_| may_cross) {
+            let DeadZone { state, edge, .. } = self.zones[zone];
+            self.x[state] = edge.copysign(self.x[state]);
+            self.region = self.region_index(self.regions[self.region].signs.with(zone, sign));
+            return (0.0, true);
+        }
         let region = &self.regions[self.region];
         let signs = region.signs;
         let a = &self.open_sets[region.open_set].a;
@@ -361,10 +414,16 @@ impl<const N: usize> Engine<N> {
             }
             series.terms[degree] = next;
         }
-        let crossing = if may_cross { self.first_crossing(signs, &series, step_s) } else { None };
+        let end = series.at(step_s);
+        let ends = [series.terms[1][VELOCITY], self.pull(&end) + self.force[VELOCITY] * (force_n + slope * step_s)];
+        let crossing = if may_cross && !self.stayed(region, &end, step_s, ends) {
+            self.first_crossing(signs, &series, step_s)
+        } else {
+            None
+        };
         let moved_s = crossing.map_or(step_s, |c| c.time_s);
         audit.series(self, &series, moved_s, force_n);
-        self.x = series.at(moved_s);
+        self.x = if crossing.is_some() { series.at(moved_s) } else { end };
         if let Some(Crossing { zone, sign, level, .. }) = crossing {
             self.x[self.zones[zone].state] = level;
             self.region = self.region_index(signs.with(zone, sign));
@@ -372,10 +431,29 @@ impl<const N: usize> Engine<N> {
         (moved_s, crossing.is_some())
     }
 
+    /// A dead zone whose state sits on its edge to rounding and moves out of the region; with its new sign.
+    ///
+    /// On a finest step of a stiff plant such a motion can be less than rounding. Then no step would ever end outside, and a sample
+    /// would be walked in finest steps to its end.
+    fn leaving_an_edge(&self) -> Option<(usize, f64)> {
+        let signs = self.regions[self.region].signs;
+        let w = self.x[VELOCITY];
+        self.zones.iter().enumerate().find_map(|(i, zone)| {
+            let (v, sign) = (self.x[zone.state], signs.get(i));
+            let outward = v.signum() * w > 0.0;
+            let on_edge = (v.abs() - zone.edge).abs() <= ON_EDGE * zone.edge;
+            match sign {
+                0.0 if on_edge && outward => Some((i, v.signum())),
+                s if s != 0.0 && on_edge && w * s < 0.0 => Some((i, 0.0)),
+                _ => None,
+            }
+        })
+    }
+
     /// The earliest edge that the series meets within `step_s`.
     fn first_crossing(&self, signs: Signs, series: &Series<N>, step_s: f64) -> Option<Crossing> {
         let mut from_s = 0.0;
-        for &to_s in series.turning_points(step_s).iter().chain(std::iter::once(&step_s)) {
+        for to_s in series.turning_points(step_s).into_iter().flatten().chain(std::iter::once(step_s)) {
             let end = series.at(to_s);
             let mut first: Option<Crossing> = None;
             for (index, zone) in self.zones.iter().enumerate() {
@@ -436,6 +514,16 @@ struct Crossing {
     level: f64,
 }
 
+/// Whether every state is within the region's bounds.
+#[inline(always)]
+fn inside<const N: usize>(region: &Region<N>, x: &[f64; N]) -> bool {
+    let mut all = true;
+    for i in 0..N {
+        all &= (x[i] >= region.low[i]) & (x[i] <= region.high[i]);
+    }
+    all
+}
+
 /// Distance of value `v` from leaving the state that `sign` names; negative once it has left.
 #[inline(always)]
 fn excess(zone: &DeadZone, sign: f64, v: f64) -> f64 {
@@ -478,26 +566,21 @@ impl<const N: usize> Series<N> {
     ///
     /// On a finest step the acceleration has at most one zero that matters (a second one would need velocity, acceleration and
     /// jerk to vanish together), so the velocity has at most two.
-    fn turning_points(&self, step_s: f64) -> Vec<f64> {
+    fn turning_points(&self, step_s: f64) -> [Option<f64>; 2] {
         let [w0, a0, _] = self.value_and_slopes(VELOCITY, 0.0);
         let [w1, a1, _] = self.value_and_slopes(VELOCITY, step_s);
-        let mut ends = vec![(0.0, w0)];
-        if a0 * a1 < 0.0 {
-            let extremum = refine(0.0, step_s, a0, |t| {
-                let [_, slope, curvature] = self.value_and_slopes(VELOCITY, t);
-                (slope, curvature)
-            });
-            ends.push((extremum, self.value_and_slopes(VELOCITY, extremum)[0]));
+        let between = |from_s: f64, w_from: f64, to_s: f64, w_to: f64| {
+            (w_from * w_to < 0.0).then(|| self.root(VELOCITY, 0.0, from_s, to_s))
+        };
+        if a0 * a1 >= 0.0 {
+            return [between(0.0, w0, step_s, w1), None];
         }
-        ends.push((step_s, w1));
-        let mut turning = Vec::new();
-        for pair in ends.windows(2) {
-            let [(from_s, w_from), (to_s, w_to)] = [pair[0], pair[1]];
-            if w_from * w_to < 0.0 {
-                turning.push(self.root(VELOCITY, 0.0, from_s, to_s));
-            }
-        }
-        turning
+        let extremum = refine(0.0, step_s, a0, a1, |t| {
+            let [_, slope, curvature] = self.value_and_slopes(VELOCITY, t);
+            (slope, curvature)
+        });
+        let w = self.value_and_slopes(VELOCITY, extremum)[0];
+        [between(0.0, w0, extremum, w), between(extremum, w, step_s, w1)]
     }
 
     /// Root of `state - level` between two instants on whose sides its signs differ (or where the first already is past it).
@@ -507,16 +590,17 @@ impl<const N: usize> Series<N> {
         if start == 0.0 || (start < 0.0) == (end < 0.0) {
             return from_s;
         }
-        refine(from_s, to_s, start, |t| {
+        refine(from_s, to_s, start, end, |t| {
             let [value, slope, _] = self.value_and_slopes(state, t);
             (value - level, slope)
         })
     }
 }
 
-/// Root of `f` (value and slope) between `low` and `high`, where f(low) has the sign of `start`: Newton, kept inside by bisection.
-fn refine(mut low: f64, mut high: f64, start: f64, f: impl Fn(f64) -> (f64, f64)) -> f64 {
-    let mut t = 0.5 * (low + high);
+/// Root of `f` (value and slope) between `low` and `high`, where f is `start` and `end`, of opposite signs: Newton from the chord's
+/// root, kept inside by bisection.
+fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let mut t = low + (high - low) * start / (start - end);
     for _ in 0..60 {
         let (value, slope) = f(t);
         if value == 0.0 {
@@ -560,6 +644,7 @@ impl<const N: usize> Stepper for Engine<N> {
     fn set_state(&mut self, state: &[f64]) {
         self.x = [0.0; N];
         self.x[..state.len().min(N)].copy_from_slice(&state[..state.len().min(N)]);
+        self.pull = self.pull(&self.x);
         self.region = self.region_index(self.signs_of(&self.x));
     }
 

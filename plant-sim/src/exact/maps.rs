@@ -43,6 +43,12 @@ pub(crate) struct Linear<const N: usize> {
     pub constant: Columns<N>,
 }
 
+impl<const N: usize> Default for Linear<N> {
+    fn default() -> Self {
+        Self { state: [[0.0; N]; N], force: [0.0; N], ramp: [0.0; N], constant: [[0.0; N]; N] }
+    }
+}
+
 /// The maps over `duration / 2^level` for the levels `coarsest ..= finest`, coarsest first.
 ///
 /// All maps come from the finest by doubling. exp(A t) - I is what is doubled, never exp(A t), because near the finest step the
