@@ -94,6 +94,17 @@ impl Signs {
     }
 }
 
+/// 1/k; the polynomial's rounding is the series' own, so a product serves as well as a quotient and costs a third.
+const RECIPROCAL: [f64; DEGREE + 1] = {
+    let mut reciprocal = [1.0; DEGREE + 1];
+    let mut k = 1;
+    while k <= DEGREE {
+        reciprocal[k] = 1.0 / k as f64;
+        k += 1;
+    }
+    reciprocal
+};
+
 /// Steps a system of at most `N` states exactly.
 pub struct Engine<const N: usize> {
     dynamics: Dynamics,
@@ -259,7 +270,8 @@ impl<const N: usize> Engine<N> {
         }
         let (w0, w1) = (self.x[VELOCITY], y[VELOCITY]);
         // Bezier points of the cubic through both ends; the cubic lies in their hull.
-        let (p1, p2) = (w0 + a0 * duration_s / 3.0, w1 - a1 * duration_s / 3.0);
+        let third_s = duration_s * (1.0 / 3.0);
+        let (p1, p2) = (w0 + a0 * third_s, w1 - a1 * third_s);
         let misfit = (w1 - w0 - 0.5 * duration_s * (a0 + a1)).abs();
         let size = w0.abs() + w1.abs() + duration_s * (a0.abs() + a1.abs());
         let margin = TURNING_MARGIN * size + MISFIT * misfit;
@@ -410,14 +422,14 @@ impl<const N: usize> Engine<N> {
                     2 => next[i] += self.force[i] * slope,
                     _ => {}
                 }
-                next[i] /= degree as f64;
+                next[i] *= RECIPROCAL[degree];
             }
             series.terms[degree] = next;
         }
         let end = series.at(step_s);
         let ends = [series.terms[1][VELOCITY], self.pull(&end) + self.force[VELOCITY] * (force_n + slope * step_s)];
         let crossing = if may_cross && !self.stayed(region, &end, step_s, ends) {
-            self.first_crossing(signs, &series, step_s)
+            self.first_crossing(signs, &series, step_s, &end, ends)
         } else {
             None
         };
@@ -450,19 +462,33 @@ impl<const N: usize> Engine<N> {
         })
     }
 
-    /// The earliest edge that the series meets within `step_s`.
-    fn first_crossing(&self, signs: Signs, series: &Series<N>, step_s: f64) -> Option<Crossing> {
+    /// The earliest edge that the series meets within `step_s`, at whose end the state is `end`; accelerations `a` at both ends.
+    fn first_crossing(
+        &self,
+        signs: Signs,
+        series: &Series<N>,
+        step_s: f64,
+        end: &[f64; N],
+        a: [f64; 2],
+    ) -> Option<Crossing> {
+        let (w0, w1) = (series.terms[0][VELOCITY], end[VELOCITY]);
+        let (p1, p2) = (w0 + a[0] * step_s / 3.0, w1 - a[1] * step_s / 3.0);
+        let least = w0.min(w1).min(p1).min(p2);
+        let most = w0.max(w1).max(p1).max(p2);
+        // A velocity that keeps well clear of zero, which is the rule, turns nowhere.
+        let clear = TURNING_MARGIN * (most - least);
+        let turning = if least > clear || most < -clear { [None; 2] } else { series.turning_points(step_s) };
         let mut from_s = 0.0;
-        for to_s in series.turning_points(step_s).into_iter().flatten().chain(std::iter::once(step_s)) {
-            let end = series.at(to_s);
+        for to_s in turning.into_iter().flatten().chain(std::iter::once(step_s)) {
+            let there = if to_s == step_s { *end } else { series.at(to_s) };
             let mut first: Option<Crossing> = None;
             for (index, zone) in self.zones.iter().enumerate() {
                 let sign = signs.get(index);
-                if excess(zone, sign, end[zone.state]) >= 0.0 {
+                if excess(zone, sign, there[zone.state]) >= 0.0 {
                     continue;
                 }
-                let level = if sign == 0.0 { zone.edge.copysign(end[zone.state]) } else { sign * zone.edge };
-                let time_s = series.root(zone.state, level, from_s, to_s);
+                let level = if sign == 0.0 { zone.edge.copysign(there[zone.state]) } else { sign * zone.edge };
+                let time_s = series.root(zone.state, level, from_s, to_s, there[zone.state]);
                 if first.as_ref().is_none_or(|f| time_s < f.time_s) {
                     let entered = if sign == 0.0 { level.signum() } else { 0.0 };
                     first = Some(Crossing { time_s, zone: index, sign: entered, level });
@@ -570,39 +596,41 @@ impl<const N: usize> Series<N> {
         let [w0, a0, _] = self.value_and_slopes(VELOCITY, 0.0);
         let [w1, a1, _] = self.value_and_slopes(VELOCITY, step_s);
         let between = |from_s: f64, w_from: f64, to_s: f64, w_to: f64| {
-            (w_from * w_to < 0.0).then(|| self.root(VELOCITY, 0.0, from_s, to_s))
+            (w_from * w_to < 0.0).then(|| self.root(VELOCITY, 0.0, from_s, to_s, w_to))
         };
         if a0 * a1 >= 0.0 {
             return [between(0.0, w0, step_s, w1), None];
         }
+        // The extremum only separates the two zeros, so the rounding of its own place is of no consequence.
         let extremum = refine(0.0, step_s, a0, a1, |t| {
             let [_, slope, curvature] = self.value_and_slopes(VELOCITY, t);
-            (slope, curvature)
+            [slope, curvature, 0.0]
         });
         let w = self.value_and_slopes(VELOCITY, extremum)[0];
         [between(0.0, w0, extremum, w), between(extremum, w, step_s, w1)]
     }
 
-    /// Root of `state - level` between two instants on whose sides its signs differ (or where the first already is past it).
-    fn root(&self, state: usize, level: f64, from_s: f64, to_s: f64) -> f64 {
-        let start = self.value_and_slopes(state, from_s)[0] - level;
-        let end = self.value_and_slopes(state, to_s)[0] - level;
+    /// Root of `state - level` between two instants on whose sides its signs differ (or where the first already is past it); the
+    /// state is `end` at the second.
+    fn root(&self, state: usize, level: f64, from_s: f64, to_s: f64, end: f64) -> f64 {
+        let start = if from_s == 0.0 { self.terms[0][state] } else { self.value_and_slopes(state, from_s)[0] } - level;
+        let end = end - level;
         if start == 0.0 || (start < 0.0) == (end < 0.0) {
             return from_s;
         }
         refine(from_s, to_s, start, end, |t| {
-            let [value, slope, _] = self.value_and_slopes(state, t);
-            (value - level, slope)
+            let [value, slope, curvature] = self.value_and_slopes(state, t);
+            [value - level, slope, curvature]
         })
     }
 }
 
-/// Root of `f` (value and slope) between `low` and `high`, where f is `start` and `end`, of opposite signs: Newton from the chord's
-/// root, kept inside by bisection.
-fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> (f64, f64)) -> f64 {
+/// Root of `f` (value and two derivatives) between `low` and `high`, where f is `start` and `end`, of opposite signs: Halley's
+/// iteration from the chord's root, kept inside by bisection.
+fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> [f64; 3]) -> f64 {
     let mut t = low + (high - low) * start / (start - end);
     for _ in 0..60 {
-        let (value, slope) = f(t);
+        let [value, slope, curvature] = f(t);
         if value == 0.0 {
             return t;
         }
@@ -611,9 +639,11 @@ fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> 
         } else {
             high = t;
         }
-        let newton = t - value / slope;
-        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
-        if (next - t).abs() <= 1e-15 * high {
+        let newton = value / slope;
+        let step = newton / (1.0 - 0.5 * newton * curvature / slope);
+        let next = if t - step > low && t - step < high { t - step } else { 0.5 * (low + high) };
+        // The error of the next iterate is of third order in this step: below 1e-6 of the interval, nothing is left to gain.
+        if (next - t).abs() <= 1e-6 * high {
             return next;
         }
         t = next;
