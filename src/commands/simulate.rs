@@ -75,6 +75,13 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     if recording.limited_by.iter().any(|l| l.is_safe_state()) {
         warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
     }
+    if let (Task::Sine { hz, .. }, Some(_), None) = (task(spec), reference, metrics.gain) {
+        warnings.push(format!(
+            "the run is shorter than one period of {} Hz, so that it has no gain, phase or error: give --seconds {} or more",
+            plain(hz),
+            plain(1.0 / hz)
+        ));
+    }
     if let Some(rig) = &model.rig {
         warnings.extend(beyond_rig(rig, &recording));
     }
