@@ -41,11 +41,11 @@ pub fn warn(warnings: &[String]) {
     }
 }
 
-/// Prints label and value, aligned.
+/// Prints label and value, aligned. Pages write a true minus; what scripts and terminals get is ASCII.
 pub fn facts(facts: &[(String, String)]) {
     let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
     for (label, value) in facts {
-        line(&format!("  {label:width$}  {value}"));
+        line(&format!("  {label:width$}  {}", value.replace('\u{2212}', "-")));
     }
 }
 

@@ -250,7 +250,7 @@ fn a_replay_of_a_simulated_log_reproduces_it() {
         (PLANT, format!("--controller {PI1} --reference step:80um"), "10"),
         (PLANT, format!("--controller {PI1} --reference sine:80um@150Hz"), "7.3"),
         (PLANT, "--command multisine:30V@10-500Hz,seed=3,periods=2".to_owned(), "0"),
-        (PLANT, "--command step:60V".to_owned(), "123.456"),
+        (PLANT, "--command ladder:60V/3,hold=15ms".to_owned(), "123.456"),
         ("@/late.toml", "--command sine:60V@50Hz".to_owned(), "10"),
     ] {
         let call = format!(
@@ -358,10 +358,10 @@ fn the_terminal_shows_facts_and_no_noise() {
     let output = run(
         &folder,
         &format!(
-            "simulate --plant {PLANT} --controller {PI1} --reference step:80um --rate 20000 --seconds 0.02 --out @/l.csv"
+            "simulate --plant {PLANT} --controller {PI1} --reference sine:80um@100Hz --rate 20000 --seconds 0.02 --out @/l.csv"
         ),
     );
-    assert_eq!(stderr(&output), "", "shaping a step is normal work and no warning");
+    assert_eq!(stderr(&output), "", "shaping is normal work and no warning");
     let said = stdout(&output);
     assert!(said.is_ascii() && said.lines().all(|line| line == line.trim_end() && line.len() < 120), "{said}");
     // Labels and values in two columns.
@@ -371,6 +371,6 @@ fn the_terminal_shows_facts_and_no_noise() {
         .map(|line| line[2..].find("  ").map(|at| at + line[2 + at..].chars().take_while(|c| *c == ' ').count()))
         .collect();
     assert!(facts.len() >= 8 && columns.iter().all(|column| *column == columns[0]), "{said}");
-    assert!(said.contains("reference shaped"), "{said}");
+    assert!(said.contains("reference shaped") && said.contains("phase                   -"), "{said}");
     assert!(said.ends_with(&folder.fill_in("log: @/l.csv\npage: @/l.html\n")), "{said}");
 }

@@ -33,14 +33,8 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let samples = samples(call, &program)?;
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let start = Start { state, drive_v };
-    let setup = Setup {
-        chain: &chain,
-        start: &start,
-        rate_hz: call.rate,
-        samples,
-        latency_s: call.delay_us / 1e6,
-        seed: call.seed,
-    };
+    let setup =
+        Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s: delay_s(call), seed: call.seed };
     let mut facts = Vec::new();
     let mut controller_name = None;
     let bar = output::bar(samples as u64, "simulating");
@@ -126,7 +120,7 @@ fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
             plain(rows)
         )));
     }
-    if call.delay_us / 1e6 * call.rate > rows {
+    if delay_s(call) * call.rate > rows {
         return Err(Failure::call(format!(
             "--delay-us {} is longer than the run of {} s, so that nothing would move: lower it",
             plain(call.delay_us),
@@ -134,6 +128,16 @@ fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
         )));
     }
     Ok(rows as usize)
+}
+
+/// The delay in seconds. The decimal point is moved in the text, so that the log states the delay as it was asked for.
+fn delay_s(call: &SimulateCall) -> f64 {
+    let text = format!("{:e}", call.delay_us);
+    let moved = text.split_once('e').and_then(|(digits, power)| {
+        let power: i32 = power.parse().ok()?;
+        format!("{digits}e{}", power - 6).parse().ok()
+    });
+    moved.unwrap_or(call.delay_us / 1e6)
 }
 
 /// A number in as few digits as identify it, with an exponent where it is very large or small.
@@ -149,7 +153,7 @@ fn stability(
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
     let regions = chain.plant.linear_regions()?;
-    let law = sampled_loop(settings, call.rate, call.delay_us / 1e6 + chain.drive.delay_s);
+    let law = sampled_loop(settings, call.rate, delay_s(call) + chain.drive.delay_s);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {
         Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {
@@ -210,7 +214,7 @@ fn limit_words(recording: &Recording) -> String {
 fn write_log(call: &SimulateCall, recording: &Recording, controller: Option<String>) -> Result<(), Failure> {
     let mut meta = Meta {
         rate_hz: Some(call.rate),
-        latency_s: call.delay_us / 1e6,
+        latency_s: delay_s(call),
         seed: Some(call.seed.to_string()),
         controller,
         ..Meta::default()
