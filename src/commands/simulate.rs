@@ -47,7 +47,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
                 settings.feedforward_v_per_m = 0.0;
             }
             controller_name = Some(output::file_name(path));
-            facts.push(("stability".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
+            facts.push(("gain margin".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
             closed_loop(&setup, &settings, &program, &progress)?
         }
         None => open_loop(&setup, &program, &progress)?,
@@ -64,7 +64,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
         warnings.push(format!("limits acted in {} of {samples} samples: {words}", metrics.limited_samples));
     }
     if metrics.shaped_samples > 0 {
-        facts.push(("reference shaped".to_owned(), format!("in {} of {samples} samples", metrics.shaped_samples)));
+        facts.push(("reference shaped".to_owned(), format!("{} samples", metrics.shaped_samples)));
     }
     if recording.limited_by.iter().any(|l| l.is_safe_state()) {
         warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
@@ -162,13 +162,12 @@ fn stability(
         })
     };
     match &assessment.verdict {
-        Verdict::Unstable { .. } => Err(Failure::call(format!("{assessment}{}", advice()?))),
-        Verdict::BelowSixDb { .. } => {
-            warnings.push(format!("{assessment}{}", advice()?));
-            Ok(assessment.to_string())
-        }
-        Verdict::Stable { .. } => Ok(assessment.to_string()),
+        Verdict::Unstable { .. } => return Err(Failure::call(format!("{assessment}{}", advice()?))),
+        Verdict::BelowSixDb { .. } => warnings.push(format!("{assessment}{}", advice()?)),
+        Verdict::Stable { .. } => {}
     }
+    let least_db = assessment.gain_margin_db.value;
+    Ok(if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() })
 }
 
 /// Where the run left what the real rig stands, one line each.
