@@ -95,7 +95,7 @@ mod tests {
     fn error(of_nyquist: f64) -> (f64, f64) {
         let omega = PI * of_nyquist;
         let signal = |t: f64| (omega * t + 0.3).sin();
-        let samples: Vec<f64> = (0..400).map(|k| signal(k as f64)).collect();
+        let samples: Vec<f64> = (0..400).map(|k| signal(f64::from(k))).collect();
         let mut resampler = Resampler::default();
         let (mut at_points, mut between) = (0.0f64, 0.0f64);
         for k in 0..samples.len() {

@@ -231,7 +231,7 @@ fn the_sensor_offsets_rounds_and_is_noisy() {
     assert_eq!(reading, 3e-6);
     let mut state = SensorState::new(&sensor, 1);
     for k in 0..1000 {
-        let ideal_m = k as f64 * 1.7e-9;
+        let ideal_m = f64::from(k) * 1.7e-9;
         let read_m = state.read_m(ideal_m);
         let steps = read_m / 50e-9;
         assert!((read_m - ideal_m).abs() <= 25e-9 * (1.0 + 1e-9) && (steps - steps.round()).abs() < 1e-9);

@@ -11,7 +11,7 @@ fn a_second_order_step_has_the_figures_of_the_textbook() {
     let y =
         |t: f64| 1.0 - (-zeta * omega * t).exp() * ((damped * t).cos() + zeta * omega / damped * (damped * t).sin());
     for sign in [1.0, -1.0] {
-        let displacement_m: Vec<f64> = (0..30_000).map(|k| sign * height_m * y(k as f64 * dt_s)).collect();
+        let displacement_m: Vec<f64> = (0..30_000).map(|k| sign * height_m * y(f64::from(k) * dt_s)).collect();
         let reference_m = vec![sign * height_m; 30_000];
         let m = loop_metrics(Task::Step { height_m: sign * height_m }, dt_s, Some(&reference_m), &displacement_m);
         let overshoot = 100.0 * (-PI * zeta / f64::sqrt(1.0 - zeta * zeta)).exp();

@@ -81,10 +81,9 @@ fn every_kind_plays_what_it_says() {
     for (text, wave) in cases {
         let samples = 800;
         let worst = played(text, samples).iter().enumerate().fold(0.0f64, |m, (k, v)| m.max((v - wave(k)).abs()));
-        // The board's generator is f32 with a 32-bit phase; a frequency in f32 and the step of the phase are off by 6e-8 and 2.3e-10 of
-        // a turn per sample, 1.2e-6 of a turn after 800 samples at 500 Hz, and the sweep's sum of steps by half a sample of chirp.
-        let allowed = if text.starts_with("sweep") { 0.2 } else { 40.0 * 1e-5 };
-        assert!(worst < allowed, "{text}: {worst}");
+        // The board's generator is f32 with a 32-bit phase: a frequency in f32 and the step of the phase are off by 6e-8 and by 2.3e-10 of
+        // a turn per sample, 1.2e-6 of a turn after 800 samples at 250 Hz, which is 7e-6 of the amplitude.
+        assert!(worst < 40.0 * 1e-5, "{text}: {worst}");
     }
 }
 
