@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
     subcommand_help_heading = "Commands",
     after_help = "Without a command: what the program can do and a short demonstration.
 Example:
-  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz --rate 10000 --seconds 1 --out sine.csv
+  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz \\
+    --rate 10000 --seconds 1 --out sine.csv
 Exit codes: 0 done, 2 wrong call, 3 bad input file, 4 did not converge."
 )]
 pub struct Arguments {
@@ -62,15 +63,20 @@ impl Command {
 
 #[derive(Args)]
 #[command(after_help = "Example, closed loop:
-  hysteron simulate --plant models/thesis-phs.toml --controller controllers/pi1.toml \\
-    --reference step:80um --rate 20000 --seconds 0.02 --out step.csv
+  hysteron simulate --plant models/thesis-phs.toml \\
+    --controller controllers/pi1.toml --reference step:80um \\
+    --rate 20000 --seconds 0.02 --out step.csv
 Example, open loop:
-  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz --rate 10000 --seconds 1 --out sine.csv
+  hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz \\
+    --rate 10000 --seconds 1 --out sine.csv
 
-A SPEC is one of
-  zero@5s  step:80um  hold:40V@5s  square:80um@1Hz  sine:100um@50Hz  triangle:60V@1Hz  sweep:20V@1-2000Hz/4s
-  ladder:60V/8,hold=2s  multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7  minor-loops:60V@1Hz  file:PATH
-or several joined by + into a sequence; `,for=2s` limits a part, `,shaped` bounds its rate and acceleration.")]
+A SPEC is one of these, its amplitude in um (reference) or V (command):
+  zero@5s  step:80um  hold:40V@5s  square:80um@1Hz  sine:100um@50Hz
+  triangle:60V@1Hz  minor-loops:60V@1Hz  sweep:20V@1-2000Hz/4s[,log]
+  ladder:60V/8,hold=2s  file:PATH[,unit=V]
+  multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
+or several of them joined by + into a sequence.
+`,for=2s` limits a part, `,shaped` bounds its rate and acceleration.")]
 pub struct SimulateCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
@@ -108,7 +114,8 @@ pub struct SimulateCall {
 
 #[derive(Args)]
 #[command(after_help = "Example, somebody else's log whose sensor has an arbitrary zero:
-  hysteron replay --plant fitted.toml bench.csv --columns time=t_s,command=u_V,displacement=y_um \\
+  hysteron replay --plant fitted.toml bench.csv \\
+    --columns time=t_s,command=u_V,displacement=y_um \\
     --free-offset --run-in 2 --out prediction.csv")]
 pub struct ReplayCall {
     /// Plant, a model file
@@ -132,7 +139,8 @@ pub struct ReplayCall {
 
 #[derive(Args)]
 #[command(after_help = "Example:
-  hysteron identify --model phs --hysterons auto bench.csv --columns time=t_s,command=u_V,displacement=y_um \\
+  hysteron identify --model phs --hysterons auto bench.csv \\
+    --columns time=t_s,command=u_V,displacement=y_um \\
     --run-in 2 --out fitted.toml")]
 pub struct IdentifyCall {
     /// Model to fit

@@ -89,7 +89,12 @@ impl From<ExperimentError> for Failure {
 
 impl From<MarginError> for Failure {
     fn from(error: MarginError) -> Self {
-        Self::call(error.to_string())
+        let advice = match error {
+            MarginError::DelayTooLong { .. } => "; lower --delay-us or --rate",
+            MarginError::TooStiff { .. } => "; raise --rate, or check the plant's units",
+            _ => "",
+        };
+        Self::call(format!("{error}{advice}"))
     }
 }
 

@@ -41,12 +41,22 @@ pub fn warn(warnings: &[String]) {
     }
 }
 
-/// Prints label and value, aligned.
+/// Prints label and value, aligned. Pages write a true minus; what scripts and terminals get is ASCII.
 pub fn facts(facts: &[(String, String)]) {
     let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
     for (label, value) in facts {
-        line(&format!("  {label:width$}  {value}"));
+        line(&format!("  {label:width$}  {}", ascii(value)));
     }
+}
+
+/// `text` with a true minus and powers of ten as scripts can read them: 1.5×10⁻⁹ is 1.5e-9.
+fn ascii(text: &str) -> String {
+    const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let plain = |c: char| match c {
+        '\u{2212}' | '⁻' => '-',
+        c => RAISED.iter().position(|raised| *raised == c).and_then(|n| char::from_digit(n as u32, 10)).unwrap_or(c),
+    };
+    text.replace("×10", "e").chars().map(plain).collect()
 }
 
 /// A bar for work of known length; shown only on a terminal.
@@ -155,4 +165,13 @@ pub fn provenance(seed: Option<u64>) -> Vec<String> {
 /// Name of a file without its folders.
 pub fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn terminals_get_ascii() {
+        assert_eq!(super::ascii("\u{2212}1.500×10⁻¹² um"), "-1.500e-12 um");
+        assert_eq!(super::ascii("stable: 6.5 dB"), "stable: 6.5 dB");
+    }
 }

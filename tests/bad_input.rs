@@ -172,6 +172,19 @@ fn plants_that_are_none() {
         ("sigma = 0.005", "sigma = nan"),
         "@/bad.toml: structure.mass_kg has sigma NaN: it must not be negative",
     );
+    // Beyond a mistaken unit: nothing could be computed with them in any time.
+    bench.bad_plant(
+        ("value = 1.0148e-3", "value = 1.0148e-300"),
+        "@/bad.toml: structure.mass_kg is 1.0148e-300: it can't be: check its unit",
+    );
+    bench.bad_plant(
+        ("value = 24579.0", "value = 1e300"),
+        "@/bad.toml: structure.stiffness_N_per_m is 1e300: it can't be: check its unit",
+    );
+    bench.bad_plant(
+        ("value = 24579.0", "value = 1e18"),
+        "@/bad.toml: mass, stiffness, transduction and capacitances make a resonance of 5.0e9 Hz: check their units",
+    );
     bench.bad_plant(("value = -90.0", "value = 95.0"), "@/bad.toml: rig.drive_min_V must lie below rig.drive_max_V");
     bench.bad_plant(
         (
@@ -367,6 +380,11 @@ fn wrong_numbers() {
         "--delay-us 1e300 is longer than the run of 1 s, so that nothing would move: lower it",
     );
     bench.refused(
+        &format!("{} --delay-us 1e6", closed_loop(PI1, "step:8um", "20000", "2")),
+        2,
+        "a delay of 20000 samples is too long to assess; at most 200; lower --delay-us or --rate",
+    );
+    bench.refused(
         &format!("simulate --plant {PLANT} --command step:8V --rate 1000 --out @/out.csv"),
         2,
         "the SPEC has no length of its own: give --seconds",
@@ -396,9 +414,9 @@ fn a_delay_in_a_file_may_be_any_number() {
     let output = run(&bench.folder, &format!("replay --plant {PLANT} @/late.csv --initial relaxed --out @/late_p.csv"));
     succeeded(&output);
     assert!(support::column(&bench.folder.read("late_p.csv"), "predicted_um").iter().all(|y| *y == 0.0));
-    bench.folder.write("late.toml", format!("{}\n[drive]\ndelay_us = {{ value = 1e60 }}\n", bench.plant));
+    bench.folder.write("late.toml", format!("{}\n[drive]\ndelay_us = {{ value = 1e12 }}\n", bench.plant));
     let output = run(&bench.folder, "replay --plant @/late.toml @/good.csv --initial relaxed --out @/late_p.csv");
-    assert!(stderr(&output).contains("drive.delay_us = 1e60 is outside"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("drive.delay_us = 1e12 is outside"), "{}", stderr(&output));
     succeeded(&output);
 }
 
@@ -635,6 +653,14 @@ fn units_mistaken_by_a_million_are_said_and_done() {
         (
             ("value = 24579.0", "value = 0.024579"),
             "alpha/k = 1.884e6 um/V is outside 1e-4 .. 1e3: check the units of stiffness and transduction",
+        ),
+        (
+            ("value = 5.6425e-7", "value = 0.56425"),
+            "actuator.hysteron[1].capacitance_F = 5.6425e-1 is outside 1e-12 .. 1e-2: check its unit",
+        ),
+        (
+            ("value = 14.5126", "value = 14.5126e-6"),
+            "actuator.hysteron[1].dead_zone_V = 1.45126e-5 is outside 1e-3 .. 2e3: check its unit",
         ),
         (
             ("value = 3.7356", "value = 3.7356e6"),

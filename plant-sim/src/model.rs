@@ -169,6 +169,13 @@ pub struct InitialStateSection {
 
 const MICRO: f64 = 1e-6;
 
+/// How far beyond the bounds of plausibility a number is refused.
+const BEYOND: f64 = 1e9;
+
+/// Fastest resonance that is stepped through: each of its periods is at least one move, so that a sample at 10 kHz takes some
+/// thousands of them. A thousand times that of the fastest benders.
+const MOST_RAD_PER_S: f64 = 1e8;
+
 fn or(param: &Option<Param>, otherwise: f64) -> f64 {
     param.as_ref().map_or(otherwise, |p| p.value)
 }
@@ -247,9 +254,9 @@ impl Model {
         ];
         for (i, h) in self.actuator.hysterons.iter().enumerate() {
             let key = |name: &str| format!("actuator.hysteron[{}].{name}", i + 1);
-            records.push((key("capacitance_F"), &h.capacitance_f, Positive, [1e-15, 1.0]));
-            records.push((key("slope_S"), &h.slope_s, NotNegative, [1e-15, 1e6]));
-            records.push((key("dead_zone_V"), &h.dead_zone_v, NotNegative, [1e-6, 2e3]));
+            records.push((key("capacitance_F"), &h.capacitance_f, Positive, [1e-12, 1e-2]));
+            records.push((key("slope_S"), &h.slope_s, NotNegative, [1e-15, 1e5]));
+            records.push((key("dead_zone_V"), &h.dead_zone_v, NotNegative, [1e-3, 2e3]));
         }
         let optional = [
             ("drive.min_V", &self.drive.min_v, Any, [-2e3, 2e3]),
@@ -270,7 +277,7 @@ impl Model {
     }
 
     fn validate(&self) -> Result<(), String> {
-        for (key, param, sense, _) in self.records() {
+        for (key, param, sense, [low, high]) in self.records() {
             let value = param.value;
             let wrong = match sense {
                 _ if !value.is_finite() => Some("must be a finite number"),
@@ -278,8 +285,10 @@ impl Model {
                 Sense::NotNegative => (value < 0.0).then_some("must not be negative"),
                 Sense::Any => None,
             };
-            if let Some(wrong) = wrong {
-                return Err(format!("{key} is {value}: it {wrong}"));
+            // A unit may be mistaken by a million and more, which is warned of; far beyond, nothing can be computed with it.
+            let absurd = value != 0.0 && (value.abs() > high * BEYOND || low > 0.0 && value.abs() < low / BEYOND);
+            if let Some(wrong) = wrong.or(absurd.then_some("can't be: check its unit")) {
+                return Err(format!("{key} is {value:?}: it {wrong}"));
             }
             for sigma in [param.sigma, param.sigma_abs].into_iter().flatten() {
                 if !(sigma >= 0.0 && sigma.is_finite()) {
@@ -293,6 +302,15 @@ impl Model {
         let hysterons = self.actuator.hysterons.len();
         if hysterons > MAX_HYSTERONS {
             return Err(format!("{hysterons} hysterons; at most {MAX_HYSTERONS} can be stepped"));
+        }
+        let plant = self.chain().plant;
+        let springs = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f);
+        let resonance_rad_per_s = ((plant.stiffness_n_per_m + springs.sum::<f64>()) / plant.mass_kg).sqrt();
+        if resonance_rad_per_s > MOST_RAD_PER_S {
+            return Err(format!(
+                "mass, stiffness, transduction and capacitances make a resonance of {:.1e} Hz: check their units",
+                resonance_rad_per_s / std::f64::consts::TAU
+            ));
         }
         if let Some(rig) = &self.rig
             && rig.drive_min_v.value >= rig.drive_max_v.value

@@ -33,14 +33,8 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let samples = samples(call, &program)?;
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let start = Start { state, drive_v };
-    let setup = Setup {
-        chain: &chain,
-        start: &start,
-        rate_hz: call.rate,
-        samples,
-        latency_s: call.delay_us / 1e6,
-        seed: call.seed,
-    };
+    let setup =
+        Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s: delay_s(call), seed: call.seed };
     let mut facts = Vec::new();
     let mut controller_name = None;
     let bar = output::bar(samples as u64, "simulating");
@@ -53,7 +47,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
                 settings.feedforward_v_per_m = 0.0;
             }
             controller_name = Some(output::file_name(path));
-            facts.push(("stability".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
+            facts.push(("gain margin".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
             closed_loop(&setup, &settings, &program, &progress)?
         }
         None => open_loop(&setup, &program, &progress)?,
@@ -70,10 +64,17 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
         warnings.push(format!("limits acted in {} of {samples} samples: {words}", metrics.limited_samples));
     }
     if metrics.shaped_samples > 0 {
-        facts.push(("reference shaped".to_owned(), format!("in {} of {samples} samples", metrics.shaped_samples)));
+        facts.push(("reference shaped".to_owned(), format!("{} samples", metrics.shaped_samples)));
     }
     if recording.limited_by.iter().any(|l| l.is_safe_state()) {
         warnings.push("the control law tripped and went to its safe state: see limited_by in the log".into());
+    }
+    if let (Task::Sine { hz, .. }, Some(_), None) = (task(spec), reference, metrics.gain) {
+        warnings.push(format!(
+            "the run is shorter than one period of {} Hz, so that it has no gain, phase or error: give --seconds {} or more",
+            plain(hz),
+            plain(1.0 / hz)
+        ));
     }
     if let Some(rig) = &model.rig {
         warnings.extend(beyond_rig(rig, &recording));
@@ -119,7 +120,7 @@ fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
             plain(rows)
         )));
     }
-    if call.delay_us / 1e6 * call.rate > rows {
+    if delay_s(call) * call.rate > rows {
         return Err(Failure::call(format!(
             "--delay-us {} is longer than the run of {} s, so that nothing would move: lower it",
             plain(call.delay_us),
@@ -127,6 +128,16 @@ fn samples(call: &SimulateCall, program: &Program) -> Result<usize, Failure> {
         )));
     }
     Ok(rows as usize)
+}
+
+/// The delay in seconds. The decimal point is moved in the text, so that the log states the delay as it was asked for.
+fn delay_s(call: &SimulateCall) -> f64 {
+    let text = format!("{:e}", call.delay_us);
+    let moved = text.split_once('e').and_then(|(digits, power)| {
+        let power: i32 = power.parse().ok()?;
+        format!("{digits}e{}", power - 6).parse().ok()
+    });
+    moved.unwrap_or(call.delay_us / 1e6)
 }
 
 /// A number in as few digits as identify it, with an exponent where it is very large or small.
@@ -142,7 +153,7 @@ fn stability(
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
     let regions = chain.plant.linear_regions()?;
-    let law = sampled_loop(settings, call.rate, call.delay_us / 1e6 + chain.drive.delay_s);
+    let law = sampled_loop(settings, call.rate, delay_s(call) + chain.drive.delay_s);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {
         Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {
@@ -151,13 +162,12 @@ fn stability(
         })
     };
     match &assessment.verdict {
-        Verdict::Unstable { .. } => Err(Failure::call(format!("{assessment}{}", advice()?))),
-        Verdict::BelowSixDb { .. } => {
-            warnings.push(format!("{assessment}{}", advice()?));
-            Ok(assessment.to_string())
-        }
-        Verdict::Stable { .. } => Ok(assessment.to_string()),
+        Verdict::Unstable { .. } => return Err(Failure::call(format!("{assessment}{}", advice()?))),
+        Verdict::BelowSixDb { .. } => warnings.push(format!("{assessment}{}", advice()?)),
+        Verdict::Stable { .. } => {}
     }
+    let least_db = assessment.gain_margin_db.value;
+    Ok(if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() })
 }
 
 /// Where the run left what the real rig stands, one line each.
@@ -203,7 +213,7 @@ fn limit_words(recording: &Recording) -> String {
 fn write_log(call: &SimulateCall, recording: &Recording, controller: Option<String>) -> Result<(), Failure> {
     let mut meta = Meta {
         rate_hz: Some(call.rate),
-        latency_s: call.delay_us / 1e6,
+        latency_s: delay_s(call),
         seed: Some(call.seed.to_string()),
         controller,
         ..Meta::default()

@@ -1,0 +1,266 @@
+//! The chain's parts, one by one: what stands in the drive and in the sensor, and what a command's hold and delay do, against an
+//! integration by Runge-Kutta that knows nothing of samples.
+
+use plant_sim::chain::{Chain, Drive, Held, Sensor, SensorState, Simulator};
+use plant_sim::log::{Hold, Log};
+use plant_sim::phs::{Hysteron, Phs, PhsState};
+use plant_sim::replay::{Player, Start, predict};
+use std::f64::consts::TAU;
+
+const SAMPLE_S: f64 = 1e-4;
+
+/// The thesis' bender with its slow hysteron only, which an explicit method can follow: the fast one would need steps of 0.1 us.
+fn chain() -> Chain {
+    Chain {
+        drive: Drive::IDEAL,
+        plant: Phs {
+            mass_kg: 1.0148e-3,
+            damping_n_s_per_m: 3.7356,
+            stiffness_n_per_m: 24579.0,
+            transduction_c_per_m: 0.046311,
+            hysterons: vec![Hysteron { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4, dead_zone_v: 8.6838 }],
+        },
+        sensor: Sensor::IDEAL,
+    }
+}
+
+fn log(command_v: Vec<f64>, hold: Hold, latency_s: f64) -> Log {
+    let mut log = Log { dt_s: SAMPLE_S, displacement_m: vec![0.0; command_v.len()], command_v, ..Log::default() };
+    log.meta.hold = hold;
+    log.meta.latency_s = latency_s;
+    log
+}
+
+/// Classical Runge-Kutta at `steps` per sample: displacement at the start of each of `rows` samples under `command_v(t)`.
+fn runge_kutta(
+    plant: &Phs,
+    rows: usize,
+    steps: usize,
+    command_v: impl Fn(f64) -> f64,
+    force_n: impl Fn(f64) -> f64,
+) -> Vec<f64> {
+    let h = SAMPLE_S / steps as f64;
+    let mut state = plant.relaxed();
+    let moved = |state: &PhsState, slope: &PhsState, by: f64| PhsState {
+        displacement_m: state.displacement_m + by * slope.displacement_m,
+        velocity_m_per_s: state.velocity_m_per_s + by * slope.velocity_m_per_s,
+        hysteron_v: state.hysteron_v.iter().zip(&slope.hysteron_v).map(|(v, s)| v + by * s).collect(),
+    };
+    let mut displacement_m = Vec::with_capacity(rows);
+    for row in 0..rows {
+        displacement_m.push(state.displacement_m);
+        for step in 0..steps {
+            // The middle of the step decides on which side of a jump its ends are: steps begin and end at samples.
+            let t = (row * steps + step) as f64 * h;
+            let within = |fraction: f64| t + h * (0.5 + 0.999_999 * (fraction - 0.5));
+            let slope = |state: &PhsState, at: f64| plant.derivative(state, command_v(within(at)), force_n(within(at)));
+            let k1 = slope(&state, 0.0);
+            let k2 = slope(&moved(&state, &k1, h / 2.0), 0.5);
+            let k3 = slope(&moved(&state, &k2, h / 2.0), 0.5);
+            let k4 = slope(&moved(&state, &k3, h), 1.0);
+            for (k, weight) in [(k1, h / 6.0), (k2, h / 3.0), (k3, h / 3.0), (k4, h / 6.0)] {
+                state = moved(&state, &k, weight);
+            }
+        }
+    }
+    displacement_m
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m, v| m.max(v.abs()))
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
+}
+
+/// A jump, a sine and a jump back: opens the dead zone both ways.
+fn wave(k: usize) -> f64 {
+    let jump = if (50..120).contains(&k) { 30.0 } else { 0.0 };
+    jump + 40.0 * (TAU * 110.0 * k as f64 * SAMPLE_S).sin()
+}
+
+const ROWS: usize = 200;
+/// 0.5 us: fast enough that the method's own error, h^2 times the jump of the slope at a dead zone's edge, is below 1e-9 of the peak.
+const STEPS: usize = 200;
+
+#[test]
+fn zero_order_hold_with_any_delay() {
+    let chain = chain();
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    for latency_samples in [0.0, 0.25, 1.0, 2.5] {
+        let held = |t: f64| {
+            let k = (t / SAMPLE_S - latency_samples).floor();
+            if k < 0.0 { 0.0 } else { command_v[(k as usize).min(ROWS - 1)] }
+        };
+        let log = log(command_v.clone(), Hold::Zoh, latency_samples * SAMPLE_S);
+        let ours = predict(&chain, &log, &Start::relaxed(&chain), ROWS);
+        let theirs = runge_kutta(&chain.plant, ROWS, STEPS, held, |_| 0.0);
+        let error = distance(&ours, &theirs) / largest(&theirs);
+        assert!(error < 1e-8, "{latency_samples}: {error:e}");
+    }
+}
+
+#[test]
+fn first_order_hold_with_any_delay() {
+    let chain = chain();
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    for latency_samples in [0.0, 0.25, 2.5] {
+        let straight = |t: f64| {
+            let place = t / SAMPLE_S - latency_samples;
+            if place < 0.0 {
+                return 0.0;
+            }
+            let (k, fraction) = ((place as usize).min(ROWS - 1), place.fract());
+            command_v[k] + fraction * (command_v[(k + 1).min(ROWS - 1)] - command_v[k])
+        };
+        let log = log(command_v.clone(), Hold::Foh, latency_samples * SAMPLE_S);
+        let ours = predict(&chain, &log, &Start::relaxed(&chain), ROWS);
+        let theirs = runge_kutta(&chain.plant, ROWS, STEPS, straight, |_| 0.0);
+        let error = distance(&ours, &theirs) / largest(&theirs);
+        assert!(error < 1e-8, "{latency_samples}: {error:e}");
+    }
+}
+
+/// A tone of 2 kHz (0.4 of Nyquist) and one of 0.7 kHz under a Gaussian of 3 ms: band-limited to what f64 can tell, and zero at the ends.
+fn burst(t: f64) -> f64 {
+    let envelope = (-((t - 20e-3) / 3e-3).powi(2)).exp();
+    envelope * (50.0 * (TAU * 2000.0 * t).sin() + 30.0 * (TAU * 700.0 * t).cos())
+}
+
+#[test]
+fn band_limited_hold() {
+    let chain = chain();
+    let rows = 400;
+    let command_v: Vec<f64> = (0..rows).map(|k| burst(k as f64 * SAMPLE_S)).collect();
+    let theirs = runge_kutta(&chain.plant, rows, STEPS, burst, |_| 0.0);
+    let error = |hold| {
+        let ours = predict(&chain, &log(command_v.clone(), hold, 0.0), &Start::relaxed(&chain), rows);
+        distance(&ours, &theirs) / largest(&theirs)
+    };
+    // Straight pieces err by 8e-5 of the amplitude at 0.4 of Nyquist, always to the inside; the plant, whose resonance lies below,
+    // passes it on smaller.
+    assert!(error(Hold::Bandlimited) < 8e-5, "{:e}", error(Hold::Bandlimited));
+    // What the log's `hold` is for: the others are off by more than a hundred times as much.
+    assert!(error(Hold::Foh) > 1e-2 && error(Hold::Zoh) > 1e-1, "{:e} {:e}", error(Hold::Foh), error(Hold::Zoh));
+
+    // With a delay of 1.3 samples it is the same signal, later.
+    let late = predict(&chain, &log(command_v, Hold::Bandlimited, 1.3 * SAMPLE_S), &Start::relaxed(&chain), rows);
+    let theirs = runge_kutta(&chain.plant, rows, STEPS, |t| burst(t - 1.3 * SAMPLE_S), |_| 0.0);
+    assert!(distance(&late, &theirs) / largest(&theirs) < 8e-5);
+}
+
+#[test]
+fn a_player_that_knows_the_commands_to_come_gives_what_the_whole_log_gives() {
+    let chain = chain();
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    for hold in [Hold::Zoh, Hold::Foh, Hold::Bandlimited] {
+        let log = log(command_v.clone(), hold, 3e-5);
+        let whole = predict(&chain, &log, &Start::relaxed(&chain), ROWS);
+        let mut player = Player::new(&chain, SAMPLE_S, 3e-5, hold, &Start::relaxed(&chain));
+        let ahead = player.look_ahead();
+        for (k, expected) in whole.iter().enumerate() {
+            // More than it asks for changes nothing.
+            let known = &command_v[k..(k + 1 + ahead + k % 3).min(ROWS)];
+            assert_eq!(player.step(known, 0.0), *expected, "{hold:?}, row {k}");
+        }
+        // The first rows of a log are predicted as in the whole one: its later commands are known.
+        assert_eq!(predict(&chain, &log, &Start::relaxed(&chain), 70), whole[..70]);
+    }
+}
+
+#[test]
+fn a_force_pushes_back() {
+    // Against Runge-Kutta, and in rest by -F/k with the hysteron as a spring: alpha^2/C stiffens until its dead zone opens.
+    let chain = chain();
+    let force = |t: f64| if t < 5e-3 { 0.0 } else { 0.05 };
+    let mut log = log(vec![0.0; ROWS], Hold::Zoh, 0.0);
+    log.force_n = Some((0..ROWS).map(|k| force(k as f64 * SAMPLE_S)).collect());
+    let ours = predict(&chain, &log, &Start::relaxed(&chain), ROWS);
+    let theirs = runge_kutta(&chain.plant, ROWS, STEPS, |_| 0.0, force);
+    assert!(distance(&ours, &theirs) / largest(&theirs) < 1e-8);
+    let spring = chain.plant.stiffness_n_per_m + chain.plant.transduction_c_per_m.powi(2) / 5.2125e-7;
+    // The damping of 1841 1/s leaves exp(-27) of the ringing after 15 ms.
+    let rest_m = ours[ROWS - 1];
+    assert!((rest_m / (-0.05 / spring) - 1.0).abs() < 1e-9, "{rest_m:e}");
+}
+
+#[test]
+fn the_drive_saturates_and_rounds() {
+    let limited = Chain { drive: Drive { range_v: [-20.0, 50.0], delay_s: 0.0, quantum_v: 0.0 }, ..chain() };
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    let clamped: Vec<f64> = command_v.iter().map(|v| v.clamp(-20.0, 50.0)).collect();
+    assert!(clamped != command_v);
+    let start = Start::relaxed(&limited);
+    let through =
+        |chain: &Chain, command_v: &[f64]| predict(chain, &log(command_v.to_vec(), Hold::Zoh, 0.0), &start, ROWS);
+    assert_eq!(through(&limited, &command_v), through(&chain(), &clamped));
+
+    let coarse = Chain { drive: Drive { quantum_v: 0.5, ..Drive::IDEAL }, ..chain() };
+    let rounded: Vec<f64> = command_v.iter().map(|v| (v / 0.5).round() * 0.5).collect();
+    assert_eq!(through(&coarse, &command_v), through(&chain(), &rounded));
+
+    // The drive's own delay adds to the latency.
+    let late = Chain { drive: Drive { delay_s: 0.7 * SAMPLE_S, ..Drive::IDEAL }, ..chain() };
+    let both = predict(&late, &log(command_v.clone(), Hold::Zoh, 0.5 * SAMPLE_S), &start, ROWS);
+    let one = predict(&chain(), &log(command_v, Hold::Zoh, 1.2 * SAMPLE_S), &start, ROWS);
+    // The two delays differ by a rounding of 1e-20 s, which at 0.1 m/s is nothing.
+    assert!(distance(&both, &one) < 1e-15 * largest(&one) * 1e3);
+}
+
+#[test]
+fn a_start_holds_its_drive_until_the_first_command_arrives() {
+    let chain = chain();
+    let start = Start::at_rest(&chain, 25.0, vec![3.0]);
+    let mut simulator = Simulator::new(&chain, SAMPLE_S, 2.5 * SAMPLE_S);
+    simulator.start_from(&start.state, start.drive_v);
+    let rest_m = simulator.reading_m();
+    for row in 0..10 {
+        let moved_m = (simulator.reading_m() - rest_m).abs();
+        // Rows 0, 1 and 2 are sampled before 2.5 samples have passed. 20 samples of rounding at 1e-16 of 50 um each.
+        assert_eq!(row >= 3, moved_m > 1e-18 * 50.0, "row {row}: {moved_m:e}");
+        simulator.advance(Held::zero_order(-25.0), 0.0);
+    }
+}
+
+#[test]
+fn the_sensor_offsets_rounds_and_is_noisy() {
+    let sensor = Sensor { offset_m: 3e-6, noise_m: 0.0, quantum_m: 50e-9 };
+    let reading = Simulator::new(&Chain { sensor: sensor.clone(), ..chain() }, SAMPLE_S, 0.0).reading_m();
+    assert_eq!(reading, 3e-6);
+    let mut state = SensorState::new(&sensor, 1);
+    for k in 0..1000 {
+        let ideal_m = f64::from(k) * 1.7e-9;
+        let read_m = state.read_m(ideal_m);
+        let steps = read_m / 50e-9;
+        assert!((read_m - ideal_m).abs() <= 25e-9 * (1.0 + 1e-9) && (steps - steps.round()).abs() < 1e-9);
+    }
+    // White: 10 000 samples estimate sigma within 1/sqrt(20 000) = 0.7 %, the mean within 1 % and the first correlation within 1 % of
+    // sigma; four standard deviations each.
+    let noisy = Sensor { noise_m: 20e-9, ..Sensor::IDEAL };
+    let readings = |seed| {
+        let mut state = SensorState::new(&noisy, seed);
+        (0..10_000).map(|_| state.read_m(0.0)).collect::<Vec<f64>>()
+    };
+    let noise = readings(7);
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / 10_000.0;
+    let rms = mean(&mut noise.iter().map(|v| v * v)).sqrt();
+    assert!((rms / 20e-9 - 1.0).abs() < 0.028, "{rms:e}");
+    assert!(mean(&mut noise.iter().copied()).abs() < 0.04 * 20e-9);
+    assert!(mean(&mut noise.windows(2).map(|pair| pair[0] * pair[1])).abs() < 0.04 * 4e-16);
+    assert_eq!(noise, readings(7));
+    assert!(noise != readings(8));
+}
+
+#[test]
+fn a_ramp_is_cut_where_the_drive_ends() {
+    // A line is cut at the ends of its pieces; here it reaches the limit at a sample, so that nothing of it is lost.
+    let limited = Chain { drive: Drive { range_v: [-10.0, 10.0], ..Drive::IDEAL }, ..chain() };
+    let ramp_v = |t: f64| 0.5 * t / SAMPLE_S;
+    let command_v: Vec<f64> = (0..ROWS).map(|k| ramp_v(k as f64 * SAMPLE_S)).collect();
+    let ours = predict(&limited, &log(command_v, Hold::Foh, 0.0), &Start::relaxed(&limited), ROWS);
+    let theirs = runge_kutta(&limited.plant, ROWS, STEPS, |t| ramp_v(t).min(10.0), |_| 0.0);
+    let error = distance(&ours, &theirs) / largest(&theirs);
+    assert!(error < 1e-8, "{error:e}");
+}
