@@ -172,9 +172,9 @@ const MICRO: f64 = 1e-6;
 /// How far beyond the bounds of plausibility a number is refused.
 const BEYOND: f64 = 1e9;
 
-/// Fastest resonance that is stepped through: each of its periods is at least one move, so that a sample at 10 kHz takes some
-/// thousands of them. A thousand times that of the fastest benders.
-const MOST_RAD_PER_S: f64 = 1e8;
+/// Fastest resonance that is stepped through. Each of its periods is at least one move: at a fifth of this, a sample at 10 kHz took
+/// 18 ms (transduction mistaken by a million, which is warned of). Beyond, a run would look like a hang.
+const MOST_RAD_PER_S: f64 = 1e10;
 
 fn or(param: &Option<Param>, otherwise: f64) -> f64 {
     param.as_ref().map_or(otherwise, |p| p.value)
