@@ -25,6 +25,11 @@ pub struct Failure {
 }
 
 impl Failure {
+    /// A file that can't be used as it is.
+    pub fn file(message: impl Into<String>) -> Self {
+        Self { code: BAD_FILE, message: message.into() }
+    }
+
     /// A failure of the call itself.
     pub fn call(message: impl Into<String>) -> Self {
         Self { code: WRONG_CALL, message: message.into() }

@@ -217,7 +217,7 @@ impl Shown {
         replay_page(&ReplayView {
             title: "Replay",
             subtitle: &format!("{} on {log}", model.name),
-            headline: &format!("{} explains {fit_percent:.2} % of {log}.", model.name),
+            headline: &format!("The plant explains {fit_percent:.2} % of {log}."),
             time_s: &self.time_s,
             command_v: &self.command_v,
             measured_um: &self.measured_um,

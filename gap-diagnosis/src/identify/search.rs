@@ -28,9 +28,11 @@ const AT_NOISE: f64 = 1.05;
 pub(super) const UNSEEN: f64 = 0.5;
 /// Putting unseen numbers back at their priors may cost this much chi-square; beyond, they are seen together if not one by one.
 const UNSEEN_COST: f64 = 4.0;
-/// The first descents count residuals in units of at least this fraction of the log's span, so that the priors hold them together
-/// until the fit is near; at full weight, valleys that are almost flat lead astray.
-const FIRST_UNIT: f64 = 0.003;
+/// The first descents count residuals in units of at least these fractions of the log's span, one after the other, so that the
+/// priors hold them together until the fit is near; at full weight, valleys that are almost flat lead astray.
+const ANNEALING: [f64; 2] = [0.1, 0.02];
+/// The same for the last of them, after which the residual itself says what it is worth.
+const LAST_UNIT: f64 = 0.003;
 /// Work of one simulation (rows times moves per row) above which the first descents use only a part of each log.
 const CHEAP: usize = 60_000;
 /// Least rows a shortened log keeps.
@@ -158,13 +160,13 @@ impl<'a> Session<'a> {
                     *coordinate += random.random_range(-spread..spread);
                 }
             }
-            let end = descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE);
-            if !at_noise(&short, &end) {
+            let end = self.anneal(&short, &free, z);
+            if !at_noise(&short, &end) && self.options.initial != Initial::Relaxed {
                 // A start state that an early step got wrong holds the rest in a near miss: try again from where it began.
                 let mut z = end.coordinates_now().clone();
                 let own = free.len()..z.len();
                 z.rows_range_mut(own.clone()).copy_from(&origin.rows_range(own));
-                ends.push(descend(Problem::new(&short, &free, &self.chain, self.simulations, z), COARSE));
+                ends.push(self.anneal(&short, &free, z));
             }
             ends.push(end);
             if ends.iter().rev().take(2).any(|end| at_noise(&short, end)) {
@@ -204,6 +206,17 @@ impl<'a> Session<'a> {
         }
         let (free, unseen, z) = self.without_unseen(&records, &problem, free.clone(), hidden);
         Ok(Found { records, free, unseen, z, starts_rms_m })
+    }
+
+    /// Descends at falling units, the last the records' own.
+    fn anneal<'p>(&'p self, records: &'p [Record<'a>], free: &'p [Free], mut z: DVector<f64>) -> Problem<'p> {
+        for fraction in ANNEALING {
+            let at = |r: &Record<'a>| Record { unit_m: r.noise_m.max(fraction * spread_m(r)), ..r.clone() };
+            let softened: Vec<Record<'a>> = records.iter().map(at).collect();
+            let problem = descend(Problem::new(&softened, free, &self.chain, self.simulations, z), COARSE);
+            z = problem.coordinates_now().clone();
+        }
+        descend(Problem::new(records, free, &self.chain, self.simulations, z), COARSE)
     }
 
     /// Coordinates with a delay, if its linear estimate, with every other coordinate free to move, lies well above zero.
@@ -274,7 +287,7 @@ pub(super) fn record(log: &Log, run_in: usize, initial: Initial, offset_free: bo
         span_v: (high - low).max(1e-3),
     };
     let mut record = Record { log, run_in, rows: u.len(), noise_m, unit_m: noise_m, start, offset_free };
-    record.unit_m = noise_m.max(FIRST_UNIT * spread_m(&record));
+    record.unit_m = noise_m.max(LAST_UNIT * spread_m(&record));
     record
 }
 
