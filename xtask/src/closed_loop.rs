@@ -9,7 +9,7 @@ pub const TABLE: Table = Table {
             the loop stands for the thesis' continuous-time controller, with its 120 um that would break the bender. \
             At 20 and 40 kHz, with 10 us from sampling to the new drive, it is the one a board runs, at the 100 um to which \
             it clamps: volts and slew limited, reference shaped. Peaks are predictions for a bench. \
-            \"ff\" is the static feedforward (k/alpha) r; \"limited\" counts samples in which a limit or the shaping acted.",
+            \"ff\" is the static feedforward (k/alpha) r; \"limited\" counts samples in which a limit acted; the shaping of the reference is not one.",
     rows,
 };
 

@@ -2,7 +2,7 @@
 
 use super::parameters::{Quantity, Scale};
 use super::problem::{Problem, Record};
-use super::search::{Found, Session, UNSEEN, covariance};
+use super::search::{Found, Session, UNSEEN};
 use super::{Fit, Fitted, LogFit, Verdict};
 use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
 use plant_sim::chain::Chain;
@@ -13,9 +13,8 @@ use std::sync::atomic::Ordering;
 
 /// Puts into words and numbers what a search found.
 pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
-    let Found { records, free, unseen, z, starts_rms_m } = found;
+    let Found { records, free, unseen, z, covariance, starts_rms_m } = found;
     let problem = &Problem::new(records, free, &session.chain, session.simulations, z.clone());
-    let covariance = covariance(problem);
     let fitted_chain = problem.chain(z);
     let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
     let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);

@@ -65,6 +65,8 @@ pub(super) struct Found<'a> {
     pub(super) unseen: Vec<Free>,
     /// The coordinates.
     pub(super) z: DVector<f64>,
+    /// Their covariance, if it exists.
+    pub(super) covariance: Option<DMatrix<f64>>,
     /// Rms at the end of each start, best first, metres.
     pub(super) starts_rms_m: Vec<f64>,
 }
@@ -200,12 +202,12 @@ impl<'a> Session<'a> {
                 let weighed = weigh(&records, &found);
                 let z = found.coordinates_now().clone();
                 let problem = descend(Problem::new(&weighed, &delayed, &self.chain, self.simulations, z), FINE);
-                let (free, unseen, z) = self.without_unseen(&weighed, &problem, delayed.clone(), hidden);
-                return Ok(Found { records: weighed, free, unseen, z, starts_rms_m });
+                let (free, unseen, z, covariance) = self.without_unseen(&weighed, &problem, delayed.clone(), hidden);
+                return Ok(Found { records: weighed, free, unseen, z, covariance, starts_rms_m });
             }
         }
-        let (free, unseen, z) = self.without_unseen(&records, &problem, free.clone(), hidden);
-        Ok(Found { records, free, unseen, z, starts_rms_m })
+        let (free, unseen, z, covariance) = self.without_unseen(&records, &problem, free.clone(), hidden);
+        Ok(Found { records, free, unseen, z, covariance, starts_rms_m })
     }
 
     /// Descends at falling units, the last the records' own.
@@ -226,23 +228,25 @@ impl<'a> Session<'a> {
         free.push(self.delay());
         // A thousandth of a sample, because at zero the delay is at its bound and has no gradient to one side.
         let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
-        let covariance = covariance(&problem)?;
         let sensitivities = problem.sensitivities();
+        let covariance = covariance_of(&problem, &sensitivities)?;
         let prior = problem.coordinates_now().component_div(&problem.prior_sigma().map(|s| s * s));
         let step = -(&covariance * (sensitivities.tr_mul(&problem.data_residuals()) + prior));
         (step[at] > DELAY_SIGMAS * covariance[(at, at)].sqrt()).then(|| problem.coordinates_now() + step)
     }
 
-    /// Puts numbers that the logs can't see back at their priors and refits the rest: what is fitted, what is unseen, coordinates.
+    /// Puts numbers that the logs can't see back at their priors and refits the rest: what is fitted, what is unseen, coordinates
+    /// and their covariance.
     fn without_unseen(
         &self,
         records: &[Record<'_>],
         problem: &Problem<'_>,
         free: Vec<Free>,
         hidden: Vec<Free>,
-    ) -> (Vec<Free>, Vec<Free>, DVector<f64>) {
+    ) -> (Vec<Free>, Vec<Free>, DVector<f64>, Option<DMatrix<f64>>) {
         let z = problem.coordinates_now();
-        if let Some(covariance) = covariance(problem) {
+        let known = covariance(problem);
+        if let Some(covariance) = &known {
             let dim = |i: usize, reach: f64| {
                 let sigma = covariance[(i, i)].sqrt();
                 i < free.len() && sigma > UNSEEN * free[i].prior_sigma && z[i].abs() < reach * sigma
@@ -258,17 +262,18 @@ impl<'a> Session<'a> {
                 let pick =
                     |indices: &[usize]| indices.iter().filter_map(|&i| free.get(i).copied()).collect::<Vec<Free>>();
                 let seen = pick(&lit);
-                let z = with_set_to_zero(&covariance, z, &dims, &lit);
+                let z = with_set_to_zero(covariance, z, &dims, &lit);
                 let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
                 if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
                     let unseen: Vec<Free> = hidden.iter().copied().chain(pick(&dims)).collect();
                     let z = refitted.coordinates_now().clone();
-                    return (seen, unseen, z);
+                    let covariance = self::covariance(&refitted);
+                    return (seen, unseen, z, covariance);
                 }
             }
         }
         let z = z.clone();
-        (free, hidden, z)
+        (free, hidden, z, known)
     }
 }
 
@@ -339,9 +344,12 @@ fn weigh<'a>(records: &[Record<'a>], problem: &Problem<'_>) -> Vec<Record<'a>> {
 }
 
 /// Covariance of the coordinates: the logs' information plus the priors'.
-pub(super) fn covariance(problem: &Problem<'_>) -> Option<DMatrix<f64>> {
-    let sensitivities = problem.sensitivities();
-    let mut information = sensitivities.tr_mul(&sensitivities);
+fn covariance(problem: &Problem<'_>) -> Option<DMatrix<f64>> {
+    covariance_of(problem, &problem.sensitivities())
+}
+
+fn covariance_of(problem: &Problem<'_>, sensitivities: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut information = sensitivities.tr_mul(sensitivities);
     for (i, sigma) in problem.prior_sigma().iter().enumerate() {
         information[(i, i)] += 1.0 / (sigma * sigma);
     }
