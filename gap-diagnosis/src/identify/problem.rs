@@ -189,16 +189,19 @@ impl<'a> Problem<'a> {
         self.residuals.norm_squared()
     }
 
-    /// Data rows of the sensitivities by central differences: the records' units per coordinate.
+    /// Data rows of the sensitivities: the records' units per coordinate, one column after the other.
+    fn sensitivity_columns(&self) -> Vec<Vec<f64>> {
+        let column = |j| {
+            let mut column = self.moved(j, STEP);
+            column.iter_mut().for_each(|c| *c /= STEP);
+            column
+        };
+        (0..self.z.len()).into_par_iter().map(column).collect()
+    }
+
+    /// The same as a matrix.
     pub fn sensitivities(&self) -> DMatrix<f64> {
-        let columns: Vec<Vec<f64>> = (0..self.z.len())
-            .into_par_iter()
-            .map(|j| {
-                let [up, down] = [STEP, -STEP].map(|step| self.moved(j, step));
-                up.iter().zip(down).map(|(up, down)| (up - down) / (2.0 * STEP)).collect()
-            })
-            .collect();
-        DMatrix::from_vec(self.data_rows(), self.z.len(), columns.concat())
+        DMatrix::from_vec(self.data_rows(), self.z.len(), self.sensitivity_columns().concat())
     }
 
     /// Standard deviation of every coordinate under the prior.
@@ -249,15 +252,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let count = self.z.len();
         let prior = self.prior_sigma();
-        let columns: Vec<Vec<f64>> = (0..count)
-            .into_par_iter()
-            .map(|j| {
-                let mut column = self.moved(j, STEP);
-                column.iter_mut().for_each(|c| *c /= STEP);
-                column.extend((0..count).map(|i| if i == j { 1.0 / prior[i] } else { 0.0 }));
-                column
-            })
-            .collect();
+        let mut columns = self.sensitivity_columns();
+        for (j, column) in columns.iter_mut().enumerate() {
+            column.extend((0..count).map(|i| if i == j { 1.0 / prior[i] } else { 0.0 }));
+        }
         let jacobian = DMatrix::from_vec(self.data_rows() + count, count, columns.concat());
         jacobian.iter().all(|v| v.is_finite()).then_some(jacobian)
     }

@@ -42,6 +42,8 @@ const LEAST_NOISE_M: f64 = 1e-12;
 /// Relative change of cost and coordinates at which a descent ends: among the starts, and for the one that is kept.
 const COARSE: f64 = 1e-5;
 pub(super) const FINE: f64 = 1e-7;
+/// Relative change of a residual's unit below which the fit would not move with it.
+const SETTLED: f64 = 0.05;
 /// Evaluations that a descent may take.
 const EVALUATIONS: usize = 60;
 /// A delay is added if it lies this many standard deviations from zero.
@@ -185,12 +187,20 @@ impl<'a> Session<'a> {
         let mut z = best.coordinates_now().clone();
         let mut problem = Problem::new(&records, &free, &self.chain, self.simulations, z.clone());
         drop(ends);
-        // What one independent sample is uncertain by is known once the fit is near; twice, because the fit moves with it.
-        let weighed = weigh(&records, &problem);
-        problem = descend(Problem::new(&weighed, &free, &self.chain, self.simulations, z.clone()), FINE);
-        let records = weigh(&weighed, &problem);
-        z = problem.coordinates_now().clone();
-        let problem = descend(Problem::new(&records, &free, &self.chain, self.simulations, z), FINE);
+        // What one independent sample is uncertain by is known once the fit is near; twice, where the fit moves with it.
+        let mut weighed = weigh(&records, &problem);
+        for _ in 0..2 {
+            problem = descend(Problem::new(&weighed, &free, &self.chain, self.simulations, z), FINE);
+            z = problem.coordinates_now().clone();
+            let again = weigh(&weighed, &problem);
+            let settled = weighed.iter().zip(&again).all(|(a, b)| (a.unit_m / b.unit_m - 1.0).abs() < SETTLED);
+            weighed = again;
+            if settled {
+                break;
+            }
+        }
+        let records = weighed;
+        let problem = Problem::new(&records, &free, &self.chain, self.simulations, z);
         if !free.iter().any(|f| f.quantity == Quantity::Delay)
             && let Some(z) = self.with_delay(&records, &free, problem.coordinates_now())
         {
