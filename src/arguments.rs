@@ -7,7 +7,7 @@ use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
 use std::path::{Path, PathBuf};
 
-/// Simulate, identify and diagnose piezo actuators with hysteresis, so that the simulation matches the bench.
+/// Simulate and identify piezo actuators with hysteresis, so that the simulation matches the bench.
 #[derive(Parser)]
 #[command(
     name = "hysteron",

@@ -9,9 +9,9 @@ use super::{LinearRegion, Loop, MarginError, SAFE_GAIN_MARGIN_DB, check_loop, ch
 const RATE_STEP_HZ: u32 = 500;
 /// Lowest and highest rate offered: below, the thesis plant's own resonance is not sampled; above, no interrupt ends in time (chosen).
 const RATES_HZ: std::ops::RangeInclusive<u32> = 1_000..=200_000;
-/// The shortest delay offered to somebody who asked for a longer one: about a conversion, the law and a write to the DAC on a
-/// 170 MHz microcontroller (chosen; to be replaced by a measurement).
-const SHORTEST_DELAY_S: f64 = 1e-6;
+/// The shortest delay offered to somebody who asked for a longer one: boards latch their DAC 10 us after the ADC's trigger, so a
+/// shorter one could not be had (chosen: conversion, law and write, with margin).
+const SHORTEST_DELAY_S: f64 = 10e-6;
 /// Delays offered are rounded down to this.
 const DELAY_STEP_S: f64 = 1e-7;
 
