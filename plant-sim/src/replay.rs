@@ -104,11 +104,6 @@ impl Player {
         reading_m
     }
 
-    /// [`Player::step`] for a caller that knows no more than the next command: a band-limited one is then held from there on.
-    pub fn row(&mut self, command_v: f64, next_command_v: f64, force_n: f64) -> f64 {
-        self.step(&[command_v, next_command_v], force_n)
-    }
-
     fn line(&mut self, from_v: f64, to_v: f64, force_n: f64) {
         let held = Held { start_v: from_v, slope_v_per_s: (to_v - from_v) / self.sample_s };
         self.simulator.advance(held, force_n);
@@ -122,11 +117,19 @@ impl Player {
 
 /// Readings in metres that an ideal sensor would have logged, one per row of `log` (or of its first `rows` rows).
 pub fn predict(chain: &Chain, log: &Log, start: &Start, rows: usize) -> Vec<f64> {
+    let mut readings_m = Vec::with_capacity(rows.min(log.command_v.len()));
+    play(chain, log, start, rows, |reading_m, _| readings_m.push(reading_m));
+    readings_m
+}
+
+/// Plays `log` (or its first `rows` rows); `after` gets each row's reading in metres, and the player once it has moved on.
+pub fn play(chain: &Chain, log: &Log, start: &Start, rows: usize, mut after: impl FnMut(f64, &Player)) {
     let mut player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
     let n_rows = log.command_v.len();
     let ahead = 1 + player.look_ahead();
     let force_n = log.force_n.as_deref();
-    (0..rows.min(n_rows))
-        .map(|k| player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k])))
-        .collect()
+    for k in 0..rows.min(n_rows) {
+        let reading_m = player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k]));
+        after(reading_m, &player);
+    }
 }

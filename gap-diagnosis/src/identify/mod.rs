@@ -225,18 +225,13 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
                 Hysterons::Fixed(n) => guessed(*n),
                 Hysterons::Auto => {
                     let mut best = guessed(0)?;
-                    let mut worse_in_a_row = 0;
                     for n in 1..=MOST_HYSTERONS {
                         let next = guessed(n)?;
                         if next.beats(&best) {
                             best = next;
-                            worse_in_a_row = 0;
-                        } else {
-                            worse_in_a_row += 1;
+                        } else if n > 1 {
                             // One hysteron alone may be no better than none; two are where the thesis begins.
-                            if n > 1 || worse_in_a_row == 2 {
-                                break;
-                            }
+                            break;
                         }
                     }
                     Ok(best)

@@ -133,14 +133,6 @@ impl Free {
         }
     }
 
-    /// The coordinate at which the number is `value`; inside the bounds.
-    pub fn coordinate(&self, value: f64) -> f64 {
-        match self.scale {
-            Scale::Log { bound } => bound * ((value / self.prior).ln() / bound).clamp(-0.999, 0.999).atanh(),
-            Scale::NotNegative { unit } => (value - self.prior) / unit,
-        }
-    }
-
     /// Standard deviation of the number (relative for logarithms, SI otherwise) for one of the coordinate at `z`.
     pub fn number_sigma(&self, z: f64, coordinate_sigma: f64) -> f64 {
         match self.scale {

@@ -8,7 +8,7 @@ use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
 use plant_sim::chain::Chain;
 use plant_sim::metrics::{Score, rms};
 use plant_sim::param::Param;
-use plant_sim::replay::Player;
+use plant_sim::replay::play;
 use std::sync::atomic::Ordering;
 
 /// Puts into words and numbers what a search found.
@@ -136,15 +136,11 @@ fn largest_hysteron_voltages(records: &[Record<'_>], problem: &Problem<'_>, chai
     let mut largest = vec![0.0f64; chain.plant.hysterons.len()];
     for (index, record) in records.iter().enumerate() {
         let (_, start) = problem.own_start(index);
-        let log = record.log;
-        let mut player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, &start);
-        for (k, &u) in log.command_v.iter().enumerate() {
-            let next = log.command_v.get(k + 1).copied().unwrap_or(u);
-            player.row(u, next, log.force_n.as_ref().map_or(0.0, |f| f[k]));
+        play(chain, record.log, &start, record.rows, |_, player| {
             for (largest, v) in largest.iter_mut().zip(player.hysteron_v()) {
                 *largest = largest.max(v.abs());
             }
-        }
+        });
     }
     largest
 }
