@@ -218,7 +218,7 @@ fn run(
     let report_every = (setup.samples / 200).max(1);
     for sample in 0..setup.samples {
         let ideal_m = simulator.reading_m();
-        let reading_m = sensor.read_m(ideal_m);
+        let reading_m = sensor.read_m(ideal_m, simulator.velocity_m_per_s(), dt_s);
         let mut wanted = generator.next(&mut generator_state);
         if let Some((shaper, state)) = &mut shaper {
             wanted = shaper.step(state, wanted).0;

@@ -4,6 +4,7 @@
 
 pub mod chain;
 pub mod controller;
+pub mod effects;
 pub mod exact;
 pub mod experiment;
 pub mod log;

@@ -2,7 +2,7 @@
 //!
 //! Micrometres and microseconds appear in the keys here and nowhere else; [`Model::chain`] turns them into SI.
 
-use crate::chain::{Chain, Drive, MAX_HYSTERONS, Sensor};
+use crate::chain::{Chain, Drive, MAX_HYSTERONS, Parts, Sensor};
 use crate::param::Param;
 use crate::phs::{Hysteron, Phs, PhsState};
 use crate::toml_file::{self, FileError};
@@ -206,6 +206,7 @@ impl Model {
                 range_v: [or(&self.drive.min_v, f64::NEG_INFINITY), or(&self.drive.max_v, f64::INFINITY)],
                 delay_s: or(&self.drive.delay_us, 0.0) * MICRO,
                 quantum_v: or(&self.drive.quantum_v, 0.0),
+                ..Drive::IDEAL
             },
             plant: Phs {
                 mass_kg: self.structure.mass_kg.value,
@@ -223,10 +224,12 @@ impl Model {
                     })
                     .collect(),
             },
+            parts: Parts::default(),
             sensor: Sensor {
                 offset_m: or(&self.sensor.offset_um, 0.0) * MICRO,
                 noise_m: or(&self.sensor.noise_um, 0.0) * MICRO,
                 quantum_m: or(&self.sensor.quantum_um, 0.0) * MICRO,
+                ..Sensor::IDEAL
             },
         }
     }

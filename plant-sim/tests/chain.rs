@@ -1,7 +1,7 @@
 //! The chain's parts, one by one: what stands in the drive and in the sensor, and what a command's hold and delay do, against an
 //! integration by Runge-Kutta that knows nothing of samples.
 
-use plant_sim::chain::{Chain, Drive, Held, Sensor, SensorState, Simulator};
+use plant_sim::chain::{Chain, Drive, Held, Parts, Sensor, SensorState, Simulator};
 use plant_sim::log::{Hold, Log};
 use plant_sim::phs::{Hysteron, Phs, PhsState};
 use plant_sim::replay::{Player, Start, predict};
@@ -20,6 +20,7 @@ fn chain() -> Chain {
             transduction_c_per_m: 0.046311,
             hysterons: vec![Hysteron { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4, dead_zone_v: 8.6838 }],
         },
+        parts: Parts::default(),
         sensor: Sensor::IDEAL,
     }
 }
@@ -188,7 +189,7 @@ fn a_force_pushes_back() {
 
 #[test]
 fn the_drive_saturates_and_rounds() {
-    let limited = Chain { drive: Drive { range_v: [-20.0, 50.0], delay_s: 0.0, quantum_v: 0.0 }, ..chain() };
+    let limited = Chain { drive: Drive { range_v: [-20.0, 50.0], ..Drive::IDEAL }, ..chain() };
     let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
     let clamped: Vec<f64> = command_v.iter().map(|v| v.clamp(-20.0, 50.0)).collect();
     assert!(clamped != command_v);
@@ -226,13 +227,13 @@ fn a_start_holds_its_drive_until_the_first_command_arrives() {
 
 #[test]
 fn the_sensor_offsets_rounds_and_is_noisy() {
-    let sensor = Sensor { offset_m: 3e-6, noise_m: 0.0, quantum_m: 50e-9 };
+    let sensor = Sensor { offset_m: 3e-6, quantum_m: 50e-9, ..Sensor::IDEAL };
     let reading = Simulator::new(&Chain { sensor: sensor.clone(), ..chain() }, SAMPLE_S, 0.0).reading_m();
     assert_eq!(reading, 3e-6);
     let mut state = SensorState::new(&sensor, 1);
     for k in 0..1000 {
         let ideal_m = f64::from(k) * 1.7e-9;
-        let read_m = state.read_m(ideal_m);
+        let read_m = state.read_m(ideal_m, 0.0, SAMPLE_S);
         let steps = read_m / 50e-9;
         assert!((read_m - ideal_m).abs() <= 25e-9 * (1.0 + 1e-9) && (steps - steps.round()).abs() < 1e-9);
     }
@@ -241,7 +242,7 @@ fn the_sensor_offsets_rounds_and_is_noisy() {
     let noisy = Sensor { noise_m: 20e-9, ..Sensor::IDEAL };
     let readings = |seed| {
         let mut state = SensorState::new(&noisy, seed);
-        (0..10_000).map(|_| state.read_m(0.0)).collect::<Vec<f64>>()
+        (0..10_000).map(|_| state.read_m(0.0, 0.0, SAMPLE_S)).collect::<Vec<f64>>()
     };
     let noise = readings(7);
     let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / 10_000.0;

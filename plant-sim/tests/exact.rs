@@ -7,7 +7,7 @@
 
 use ode_solvers::dop_shared::{OutputType, System};
 use ode_solvers::{Dop853, SVector};
-use plant_sim::chain::{Chain, Drive, Held, Sensor, Simulator};
+use plant_sim::chain::{Chain, Drive, Held, Parts, Sensor, Simulator};
 use plant_sim::exact::{Dynamics, Spans, pack, stepper};
 use plant_sim::model::Model;
 use plant_sim::phs::{Hysteron, Phs, PhsState};
@@ -307,7 +307,7 @@ fn random_plants_inputs_rates_and_delays_agree_with_the_general_solver() {
         let commands = random_commands(&mut random, samples, dt_s);
         let delay = if seed % 3 == 0 { 0.0 } else { random.random_range(0.0..3.0) };
 
-        let chain = Chain { drive: Drive::IDEAL, plant: plant.clone(), sensor: Sensor::IDEAL };
+        let chain = Chain { drive: Drive::IDEAL, plant: plant.clone(), parts: Parts::default(), sensor: Sensor::IDEAL };
         let mut simulator = Simulator::new(&chain, dt_s, delay * dt_s);
         let mut got = Vec::new();
         let mut pieces = Vec::new();
@@ -550,7 +550,7 @@ fn a_split_sample_is_the_same_as_a_whole_one() {
 fn a_chain_starts_from_any_state() {
     let plant = thesis();
     let start = PhsState { displacement_m: 3e-5, velocity_m_per_s: -0.05, hysteron_v: vec![-2.0, 11.0] };
-    let chain = Chain { drive: Drive::IDEAL, plant: plant.clone(), sensor: Sensor::IDEAL };
+    let chain = Chain { drive: Drive::IDEAL, plant: plant.clone(), parts: Parts::default(), sensor: Sensor::IDEAL };
     let mut simulator = Simulator::new(&chain, 1e-4, 0.0);
     simulator.start_from(&start, 0.0);
     let pieces = vec![Piece::held(1e-4, 20.0); 50];

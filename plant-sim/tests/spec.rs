@@ -1,6 +1,6 @@
 //! SPECs as they are played: lengths, shaping, files, and that every kind starts where it says.
 
-use plant_sim::chain::{Chain, Drive, Sensor};
+use plant_sim::chain::{Chain, Drive, Parts, Sensor};
 use plant_sim::experiment::{Program, Recording, Setup, open_loop};
 use plant_sim::phs::Phs;
 use plant_sim::replay::Start;
@@ -22,7 +22,7 @@ fn record(text: &str, samples: usize) -> Recording {
         transduction_c_per_m: 0.05,
         hysterons: Vec::new(),
     };
-    let chain = Chain { drive: Drive::IDEAL, plant, sensor: Sensor::IDEAL };
+    let chain = Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL };
     let start = Start::relaxed(&chain);
     let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples, latency_s: 0.0, seed: 1 };
     open_loop(&setup, &program(text), &|_| {}).unwrap_or_else(|e| panic!("{text}: {e}"))

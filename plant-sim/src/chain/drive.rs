@@ -1,25 +1,94 @@
 //! The drive: what stands between the controller's number and the volts on the actuator.
 
-/// Converter and amplifier. Part by part in the order of the signal: quantisation, delay, saturation.
+use super::Lag;
+
+/// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, saturation, slew, lag, warming.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// Lowest and highest output in volts; infinite for none.
     pub range_v: [f64; 2],
+    /// Width over which the output bends into its range, in volts; zero for a hard clip.
+    pub knee_v: f64,
     /// Pure delay in seconds, >= 0.
     pub delay_s: f64,
     /// Step of the converter in volts; zero for none.
     pub quantum_v: f64,
+    /// Gain relative to the nominal amplifier.
+    pub gain: f64,
+    /// c in u (1 + c u), an even nonlinearity in 1/V.
+    pub curvature_per_v: f64,
+    /// Fastest rise of the output in V/s; infinite for none.
+    pub slew_v_per_s: f64,
+    /// Bandwidth of the output.
+    pub lag: Option<Lag>,
+    /// A gain that changes as the actuator warms.
+    pub warming: Option<Warming>,
+    /// Probability that a command never arrives and the one before stays.
+    pub lost_share: f64,
+}
+
+/// Gain 1 + coefficient * theta, with time_constant theta' = heating - theta.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Warming {
+    /// Relative change of the gain once theta is one.
+    pub coefficient: f64,
+    /// Thermal time constant in seconds.
+    pub time_constant_s: f64,
+    /// What heats.
+    pub heat: Heat,
+}
+
+/// Source of the heat that [`Warming`] counts, made dimensionless by a reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Heat {
+    /// Time since the log's start: 1.
+    Time,
+    /// Square of the drive over the square of this many volts.
+    Drive {
+        /// Reference in volts.
+        volts: f64,
+    },
+    /// Square of the drive's rate over the square of this many volts per second: dielectric loss.
+    Rate {
+        /// Reference in V/s.
+        volts_per_s: f64,
+    },
 }
 
 impl Drive {
     /// A drive that does nothing.
-    pub const IDEAL: Drive = Drive { range_v: [f64::NEG_INFINITY, f64::INFINITY], delay_s: 0.0, quantum_v: 0.0 };
+    pub const IDEAL: Drive = Drive {
+        range_v: [f64::NEG_INFINITY, f64::INFINITY],
+        knee_v: 0.0,
+        delay_s: 0.0,
+        quantum_v: 0.0,
+        gain: 1.0,
+        curvature_per_v: 0.0,
+        slew_v_per_s: f64::INFINITY,
+        lag: None,
+        warming: None,
+        lost_share: 0.0,
+    };
 
-    /// Volts at the actuator for a command that has passed the delay.
+    /// Volts that the amplifier strives for on a command that has passed the delay: everything of the drive that has no memory.
     #[inline]
     pub fn output_v(&self, command_v: f64) -> f64 {
         let converted_v =
             if self.quantum_v > 0.0 { (command_v / self.quantum_v).round() * self.quantum_v } else { command_v };
-        converted_v.clamp(self.range_v[0], self.range_v[1])
+        let wanted_v = self.gain * converted_v * (1.0 + self.curvature_per_v * converted_v);
+        if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) }
+    }
+
+    /// A clip whose corner is rounded over the knee: the primitive of a logistic step.
+    fn bent_v(&self, wanted_v: f64) -> f64 {
+        let beyond =
+            |v: f64| if v.is_finite() { self.knee_v * (v / self.knee_v).exp().ln_1p().min(1e300) } else { 0.0 };
+        let over = |v: f64| if v > 40.0 * self.knee_v { v } else { beyond(v) };
+        wanted_v - over(wanted_v - self.range_v[1]) + over(self.range_v[0] - wanted_v)
+    }
+
+    /// Whether the output changes between two commands, other than by a delay.
+    pub(super) fn has_memory(&self) -> bool {
+        self.lag.is_some() || self.slew_v_per_s.is_finite()
     }
 }

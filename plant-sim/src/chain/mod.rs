@@ -7,10 +7,12 @@
 //! plus the latency plus the drive's own delay, any real number of samples later, and is held until the next one arrives.
 
 mod drive;
+mod parts;
 mod sensor;
 
-pub use drive::Drive;
-pub use sensor::{Sensor, SensorState};
+pub use drive::{Drive, Heat, Warming};
+pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts};
+pub use sensor::{Drift, Line, Sensor, SensorState};
 
 use crate::exact::{Dynamics, MAX_STATES, Spans, Stepper, pack, stepper, unpack};
 use crate::phs::{Phs, PhsState};
@@ -29,8 +31,27 @@ pub struct Chain {
     pub drive: Drive,
     /// Actuator and structure.
     pub plant: Phs,
+    /// What actuator and structure do beyond the nominal plant.
+    pub parts: Parts,
     /// What turns displacement into the logged number.
     pub sensor: Sensor,
+}
+
+/// A linear low-pass with unit gain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lag {
+    /// 1 / (1 + s T).
+    First {
+        /// T in seconds.
+        time_constant_s: f64,
+    },
+    /// w^2 / (s^2 + 2 z w s + w^2).
+    Second {
+        /// w in rad/s.
+        natural_rad_per_s: f64,
+        /// z.
+        damping_ratio: f64,
+    },
 }
 
 /// A command as it is held: its value when it takes effect and its slope until the next one does.
@@ -109,6 +130,11 @@ impl Simulator {
     /// Displacement at the present sample's start as an ideal sensor reads it: with the sensor's offset, without noise.
     pub fn reading_m(&self) -> f64 {
         self.stepper.state(0) + self.offset_m
+    }
+
+    /// Velocity at the present sample's start.
+    pub fn velocity_m_per_s(&self) -> f64 {
+        self.stepper.state(1)
     }
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.

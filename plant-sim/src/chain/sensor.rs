@@ -1,47 +1,144 @@
 //! The sensor: what turns the structure's displacement into the logged number.
 
-use rand::SeedableRng;
+use super::Lag;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// Offset, noise and quantisation, in the order of the signal.
+/// The sensor. In the order of the signal: play, lag, gain and curvature, offset, drift, lines; then jitter, noise, quantisation and
+/// repeated samples, which no simulation can predict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
+    /// Full width of lost motion between structure and sensor, in metres.
+    pub play_m: f64,
+    /// Bandwidth.
+    pub lag: Option<Lag>,
+    /// Gain relative to the nominal sensor.
+    pub gain: f64,
+    /// c2 in y + c2 y^2 + c3 y^3, 1/m.
+    pub quadratic_per_m: f64,
+    /// c3, 1/m^2.
+    pub cubic_per_m2: f64,
     /// Reading at zero displacement, in metres.
     pub offset_m: f64,
+    /// Drift of the zero.
+    pub drift: Option<Drift>,
+    /// Lines that reach the reading and not the structure.
+    pub lines: Vec<Line>,
     /// White noise, rms in metres.
     pub noise_m: f64,
+    /// Noise that a first-order low-pass has made slow, rms in metres, and its time constant.
+    pub slow_noise_m: f64,
+    /// See `slow_noise_m`, in seconds.
+    pub slow_noise_s: f64,
+    /// Rms error of the sampling instants in seconds.
+    pub jitter_s: f64,
+    /// Share of samples that repeat the one before.
+    pub repeated_share: f64,
     /// Step of the converter in metres; zero for none.
     pub quantum_m: f64,
+    /// The sensor's clock runs fast by this ratio against the drive's: row k is read at k (1 + ratio) samples. Acts where whole logs
+    /// are replayed.
+    pub clock_ratio: f64,
+}
+
+/// amplitude (1 - exp(-t / time constant)); with an infinite time constant, amplitude is the change per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// Amplitude in metres, or rate in m/s if the time constant is infinite.
+    pub amplitude_m: f64,
+    /// Time constant in seconds.
+    pub time_constant_s: f64,
+}
+
+/// cos_m cos(w t) + sin_m sin(w t), t from the log's start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Frequency in Hz.
+    pub hz: f64,
+    /// Cosine amplitude in metres.
+    pub cos_m: f64,
+    /// Sine amplitude in metres.
+    pub sin_m: f64,
 }
 
 impl Sensor {
     /// A sensor that reads the displacement.
-    pub const IDEAL: Sensor = Sensor { offset_m: 0.0, noise_m: 0.0, quantum_m: 0.0 };
+    pub const IDEAL: Sensor = Sensor {
+        play_m: 0.0,
+        lag: None,
+        gain: 1.0,
+        quadratic_per_m: 0.0,
+        cubic_per_m2: 0.0,
+        offset_m: 0.0,
+        drift: None,
+        lines: Vec::new(),
+        noise_m: 0.0,
+        slow_noise_m: 0.0,
+        slow_noise_s: 0.0,
+        jitter_s: 0.0,
+        repeated_share: 0.0,
+        quantum_m: 0.0,
+        clock_ratio: 0.0,
+    };
+
+    /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
+    pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
+        let bent =
+            displacement_m * (1.0 + displacement_m * (self.quadratic_per_m + displacement_m * self.cubic_per_m2));
+        let mut reading_m = self.gain * bent + self.offset_m;
+        if let Some(Drift { amplitude_m, time_constant_s }) = self.drift {
+            reading_m +=
+                amplitude_m * if time_constant_s.is_finite() { -(-time_s / time_constant_s).exp_m1() } else { time_s };
+        }
+        for line in &self.lines {
+            let (sin, cos) = (std::f64::consts::TAU * line.hz * time_s).sin_cos();
+            reading_m += line.cos_m * cos + line.sin_m * sin;
+        }
+        reading_m
+    }
 }
 
-/// A sensor at work: its parameters and its noise generator.
+/// What is random in a sensor, at work: its parameters and its generator.
 pub struct SensorState {
     sensor: Sensor,
     noise: Pcg64,
+    slow_m: f64,
+    last_m: Option<f64>,
 }
 
 impl SensorState {
     /// A sensor whose noise is determined by `seed`.
     pub fn new(sensor: &Sensor, seed: u64) -> Self {
-        Self { sensor: sensor.clone(), noise: Pcg64::seed_from_u64(seed) }
+        Self { sensor: sensor.clone(), noise: Pcg64::seed_from_u64(seed), slow_m: 0.0, last_m: None }
     }
 
-    /// The logged number for an ideal reading (which contains the offset already), in metres.
-    pub fn read_m(&mut self, ideal_m: f64) -> f64 {
-        let mut reading_m = ideal_m;
+    /// The logged number for a predictable reading of a structure that moves at `velocity_m_per_s`, one sample of `sample_s` after the
+    /// last, in metres.
+    pub fn read_m(&mut self, predictable_m: f64, velocity_m_per_s: f64, sample_s: f64) -> f64 {
+        let mut normal = || -> f64 { StandardNormal.sample(&mut self.noise) };
+        let mut reading_m = predictable_m;
+        if self.sensor.jitter_s > 0.0 {
+            reading_m += self.sensor.gain * velocity_m_per_s * self.sensor.jitter_s * normal();
+        }
         if self.sensor.noise_m > 0.0 {
-            let normal: f64 = StandardNormal.sample(&mut self.noise);
-            reading_m += self.sensor.noise_m * normal;
+            reading_m += self.sensor.noise_m * normal();
+        }
+        if self.sensor.slow_noise_m > 0.0 {
+            let kept = (-sample_s / self.sensor.slow_noise_s.max(1e-9)).exp();
+            self.slow_m = kept * self.slow_m + (1.0 - kept * kept).sqrt() * self.sensor.slow_noise_m * normal();
+            reading_m += self.slow_m;
         }
         if self.sensor.quantum_m > 0.0 {
             reading_m = (reading_m / self.sensor.quantum_m).round() * self.sensor.quantum_m;
         }
+        if self.sensor.repeated_share > 0.0
+            && self.noise.random_bool(self.sensor.repeated_share.min(1.0))
+            && let Some(last_m) = self.last_m
+        {
+            reading_m = last_m;
+        }
+        self.last_m = Some(reading_m);
         reading_m
     }
 }

@@ -1,0 +1,132 @@
+//! Parts of actuator and structure that the nominal plant leaves out: forces on the moving mass, attached modes, and hysterons that
+//! deviate from the straight admittance with a dead zone.
+//!
+//! Creep and further hysterons need no part of their own: they are hysterons of the plant, without a dead zone or with one. A payload
+//! is mass.
+
+/// Everything beyond the nominal plant; empty for a nominal chain.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Parts {
+    /// Forces against the motion of the mass.
+    pub forces: Vec<Force>,
+    /// Oscillators.
+    pub modes: Vec<Mode>,
+    /// Deviations of hysterons.
+    pub bends: Vec<Bend>,
+}
+
+impl Parts {
+    /// Whether a force or a bend is present, which only sub-steps can follow.
+    pub(super) fn need_substeps(&self) -> bool {
+        !self.forces.is_empty() || !self.bends.is_empty()
+    }
+}
+
+/// A force on the moving mass, positive against positive displacement or velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Force {
+    /// k2 q^2 + k3 q^3: an elastic force, energy k2 q^3/3 + k3 q^4/4.
+    Spring {
+        /// k2 in N/m^2.
+        quadratic_n_per_m2: f64,
+        /// k3 in N/m^3.
+        cubic_n_per_m3: f64,
+    },
+    /// A spring of its own for positive displacement, energy k q^2/2 there.
+    OneSided {
+        /// Additional stiffness in N/m.
+        stiffness_n_per_m: f64,
+    },
+    /// Coulomb friction with presliding (Dahl 1968): z' = v (1 - z sign(v)), F = Fc z(q / presliding).
+    Presliding {
+        /// Fc in N.
+        coulomb_n: f64,
+        /// Displacement over which the force builds up, in metres.
+        presliding_m: f64,
+    },
+    /// Coulomb friction Fc tanh(v / speed).
+    Smooth {
+        /// Fc in N.
+        coulomb_n: f64,
+        /// Speed of transition in m/s.
+        speed_m_per_s: f64,
+    },
+    /// Damping F = Fr |v / vr|^m sign(v).
+    Power {
+        /// Fr, force at the reference speed, in N.
+        force_n: f64,
+        /// vr in m/s.
+        reference_m_per_s: f64,
+        /// m.
+        exponent: f64,
+    },
+    /// Elastic contact beyond `at_m` (towards positive displacement if it is positive): energy k x^2/2 of the depth x.
+    Stop {
+        /// Where contact begins, in metres; its sign says on which side.
+        at_m: f64,
+        /// Contact stiffness in N/m.
+        stiffness_n_per_m: f64,
+    },
+    /// An external force cos_n cos(w t) + sin_n sin(w t).
+    Line {
+        /// Frequency in Hz.
+        hz: f64,
+        /// Cosine amplitude in N.
+        cos_n: f64,
+        /// Sine amplitude in N.
+        sin_n: f64,
+    },
+}
+
+/// An oscillator besides the plant's own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// How it is joined to the plant.
+    pub joint: Joint,
+    /// Natural frequency in Hz.
+    pub hz: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+}
+
+/// How an oscillator is joined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Joint {
+    /// A mass on a spring and a damper, fixed to the moving mass: passive.
+    Attached {
+        /// Its mass in kg.
+        mass_kg: f64,
+    },
+    /// A residual mode that the drive excites and the sensor sees, of this static displacement per newton of drive force.
+    Parallel {
+        /// Static compliance in m/N; negative in counterphase.
+        compliance_m_per_n: f64,
+    },
+}
+
+/// A deviation of one hysteron.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend {
+    /// Which hysteron, from 0; `None` for every one.
+    pub hysteron: Option<usize>,
+    /// How it deviates.
+    pub law: BendLaw,
+}
+
+/// How a hysteron deviates from C v' = alpha q' - h(v).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BendLaw {
+    /// 1/C grows by this share while v is at its upper edge, shrinks at the lower, in proportion between.
+    CapacitanceSkew(f64),
+    /// The leak is larger by this share for positive v and smaller for negative.
+    SlopeSkew(f64),
+    /// Leak beta d/2 (x / (d/2))^p of the excess x.
+    Exponent(f64),
+    /// The dead zone is wider by this share at a drive rate of `reference_v_per_s`, in proportion to the rate.
+    Widening {
+        /// Share.
+        share: f64,
+        /// Reference in V/s.
+        reference_v_per_s: f64,
+    },
+}

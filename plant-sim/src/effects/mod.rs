@@ -1,0 +1,188 @@
+//! The registry of effects that a nominal plant may lack: each is a part of the chain with its numbers.
+//!
+//! One effect, one file, one line in [`REGISTRY`]. An entry says what the effect is, where its equation comes from, what reveals it and
+//! what is mistaken for it; its [`Form`]s, the shapes in which the literature writes it, install it into a chain. Documentation, the
+//! `effects` command, the diagnosis and its report all read this table.
+//!
+//! Not here: statistics. Which effect a log shows is `gap-diagnosis`' business.
+
+use crate::chain::Chain;
+use crate::phs::Phs;
+
+mod creep;
+mod transport_delay;
+
+/// Every effect, in the order of the signal.
+pub const REGISTRY: &[&dyn Effect] = &[&transport_delay::TransportDelay, &creep::Creep];
+
+/// The effect with this identifier.
+pub fn find(id: &str) -> Option<&'static dyn Effect> {
+    REGISTRY.iter().copied().find(|effect| effect.id() == id)
+}
+
+/// Something that a bench does and a nominal plant doesn't.
+pub trait Effect: Sync {
+    /// Identifier, fixed: files and scripts rely on it.
+    fn id(&self) -> &'static str;
+    /// Where in the chain it sits.
+    fn stage(&self) -> Stage;
+    /// What there is to say about it.
+    fn about(&self) -> &'static About;
+    /// Its forms, the most common first; at least one.
+    fn forms(&self) -> &'static [Form];
+}
+
+/// Stages of the chain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    /// Converter and amplifier.
+    Drive,
+    /// Ceramic: transduction and hysterons.
+    Actuator,
+    /// Mass, springs, contact, friction.
+    Structure,
+    /// Displacement sensor and its converter.
+    Sensor,
+    /// When things are sampled and arrive.
+    Timing,
+    /// What comes from outside.
+    Environment,
+}
+
+impl Stage {
+    /// As in `diagnosis.json`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Drive => "drive",
+            Stage::Actuator => "actuator",
+            Stage::Structure => "structure",
+            Stage::Sensor => "sensor",
+            Stage::Timing => "timing",
+            Stage::Environment => "environment",
+        }
+    }
+}
+
+/// What an engineer wants to know about an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    /// Name in words.
+    pub title: &'static str,
+    /// What it is, one sentence.
+    pub what: &'static str,
+    /// Its equation, all letters explained.
+    pub equation: &'static str,
+    /// Where the equation comes from.
+    pub source: &'static str,
+    /// How large it usually is.
+    pub typical: &'static str,
+    /// The part of the chain that it installs.
+    pub installs: &'static str,
+    /// What reveals it in a log.
+    pub signature: &'static str,
+    /// Identifiers of entries that look alike.
+    pub rivals: &'static [&'static str],
+    /// The experiment that separates it from them, in words.
+    pub experiment: &'static str,
+    /// The same as a SPEC, for a 60 V rig; empty where no command separates it (a tap or a weight does).
+    pub spec: &'static str,
+}
+
+/// One way to write an effect down.
+#[derive(Clone, Copy)]
+pub struct Form {
+    /// Name within the effect.
+    pub name: &'static str,
+    /// How it shows.
+    pub kind: Kind,
+    /// Its parameters on a plant and logs of these scales; the order is that of the values of `install`.
+    pub parameters: fn(&Scales<'_>) -> Vec<Parameter>,
+    /// Puts it into a chain.
+    pub install: fn(&mut Chain, &[f64]),
+}
+
+/// How a form shows in a log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A simulation with the right numbers predicts it.
+    Predictable,
+    /// It changes the size of what can't be predicted, by itself or with the motion.
+    Spread,
+    /// Readings lie on a lattice.
+    Lattice,
+    /// It acts at single instants that nobody foresees.
+    Events,
+    /// It is in the state at the start, and dies out.
+    Start,
+}
+
+/// Sizes from which bounds and typical values follow.
+#[derive(Clone, Copy, Debug)]
+pub struct Scales<'a> {
+    /// The nominal plant.
+    pub plant: &'a Phs,
+    /// Half of the largest span of the displacement, metres.
+    pub stroke_m: f64,
+    /// Half of the largest span of the command, volts.
+    pub drive_v: f64,
+    /// Largest rate of the command in V/s, steps left out.
+    pub rate_v_per_s: f64,
+    /// Sample time in seconds.
+    pub sample_s: f64,
+    /// Duration of the longest log in seconds.
+    pub longest_s: f64,
+}
+
+/// A number of a form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name, ending in its unit: `time_constant_s`; no ending for a pure number.
+    pub name: &'static str,
+    /// Unit as a reader writes it, empty for a pure number.
+    pub unit: &'static str,
+    /// Smallest and largest value that makes sense.
+    pub bounds: [f64; 2],
+    /// How the diagnosis walks through the bounds.
+    pub role: Role,
+    /// Whether every log has its own (the phase of a line).
+    pub per_log: bool,
+}
+
+/// What a parameter does to a prediction.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Role {
+    /// The effect vanishes at zero and grows in proportion at first; a value of typical size.
+    Amplitude(f64),
+    /// It shapes the effect; values from which a search may start. Walked through by its logarithm.
+    Shape(Vec<f64>),
+    /// The same, walked through as it is.
+    Place(Vec<f64>),
+}
+
+impl Parameter {
+    /// An amplitude between `low` and `high` that is typically `typical`.
+    pub fn amplitude(name: &'static str, unit: &'static str, [low, high]: [f64; 2], typical: f64) -> Self {
+        Self { name, unit, bounds: [low, high], role: Role::Amplitude(typical), per_log: false }
+    }
+
+    /// A positive shape with values to start from.
+    pub fn shape(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
+        Self { name, unit, bounds, role: Role::Shape(starts), per_log: false }
+    }
+
+    /// A shape that may have either sign, with values to start from.
+    pub fn place(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
+        Self { name, unit, bounds, role: Role::Place(starts), per_log: false }
+    }
+
+    /// The same, one for every log.
+    pub fn of_each_log(self) -> Self {
+        Self { per_log: true, ..self }
+    }
+}
+
+/// `count` values spaced evenly in logarithm from `low` to `high`, both included.
+pub fn spaced(low: f64, high: f64, count: usize) -> Vec<f64> {
+    let step = (high / low).ln() / (count.max(2) - 1) as f64;
+    (0..count).map(|i| low * (step * i as f64).exp()).collect()
+}
