@@ -218,7 +218,7 @@ fn run(
     let report_every = (setup.samples / 200).max(1);
     for sample in 0..setup.samples {
         let ideal_m = simulator.reading_m();
-        let reading_m = sensor.read_m(ideal_m, simulator.velocity_m_per_s(), dt_s);
+        let reading_m = sensor.read_m(ideal_m, simulator.motion().1, dt_s);
         let mut wanted = generator.next(&mut generator_state);
         if let Some((shaper, state)) = &mut shaper {
             wanted = shaper.step(state, wanted).0;
@@ -227,7 +227,7 @@ fn run(
         recording.displacement_m.push(reading_m);
         recording.command_v.push(command_v);
         recording.limited_by.push(limited_by);
-        recording.peak_m = recording.peak_m.max((ideal_m - setup.chain.sensor.offset_m).abs());
+        recording.peak_m = recording.peak_m.max(simulator.motion().0.abs());
         simulator.advance(Held::zero_order(command_v), 0.0);
         if sample % report_every == 0 {
             progress(sample);

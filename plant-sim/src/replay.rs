@@ -4,6 +4,7 @@ use crate::chain::{Chain, Held, Simulator};
 use crate::log::{Hold, Log};
 use crate::phs::PhsState;
 use crate::resample::{self, Resampler};
+use std::collections::VecDeque;
 
 /// What is assumed of the state at a log's first row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -128,8 +129,64 @@ pub fn play(chain: &Chain, log: &Log, start: &Start, rows: usize, mut after: imp
     let n_rows = log.command_v.len();
     let ahead = 1 + player.look_ahead();
     let force_n = log.force_n.as_deref();
-    for k in 0..rows.min(n_rows) {
-        let reading_m = player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k]));
-        after(reading_m, &player);
+    let step = |player: &mut Player, row: usize| {
+        let k = row.min(n_rows - 1);
+        player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k]))
+    };
+    let rows = rows.min(n_rows);
+    if chain.sensor.clock_ratio == 0.0 {
+        for k in 0..rows {
+            let reading_m = step(&mut player, k);
+            after(reading_m, &player);
+        }
+        return;
+    }
+    let mut clock = Clock { ratio: chain.sensor.clock_ratio, known_m: VecDeque::new(), taken: 0 };
+    for k in 0..rows {
+        while clock.lacks(k) {
+            let reading_m = step(&mut player, clock.taken);
+            clock.take(reading_m);
+        }
+        after(clock.read_m(k), &player);
+    }
+}
+
+/// Readings at another clock's instants: row k of a log is read at k (1 + ratio) samples of the drive's clock.
+struct Clock {
+    ratio: f64,
+    /// The last readings at the drive's instants.
+    known_m: VecDeque<f64>,
+    /// Readings taken in all.
+    taken: usize,
+}
+
+impl Clock {
+    /// The instant of row `k` in samples of the drive's clock.
+    fn instant(&self, k: usize) -> f64 {
+        (k as f64 * (1.0 + self.ratio)).max(0.0)
+    }
+
+    /// Whether the two readings after row `k`'s instant are still to come.
+    fn lacks(&self, k: usize) -> bool {
+        (self.taken as f64) < self.instant(k).floor() + 3.0
+    }
+
+    fn take(&mut self, reading_m: f64) {
+        self.known_m.push_back(reading_m);
+        self.taken += 1;
+        if self.known_m.len() > 4 {
+            self.known_m.pop_front();
+        }
+    }
+
+    /// Cubic through the four readings around row `k`'s instant.
+    fn read_m(&self, k: usize) -> f64 {
+        let first = self.taken - self.known_m.len();
+        let at = self.instant(k) - first as f64;
+        let nodes = self.known_m.len();
+        let weight = |i: usize| -> f64 {
+            (0..nodes).filter(|&j| j != i).map(|j| (at - j as f64) / (i as f64 - j as f64)).product()
+        };
+        self.known_m.iter().enumerate().map(|(i, reading_m)| weight(i) * reading_m).sum()
     }
 }

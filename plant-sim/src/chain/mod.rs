@@ -7,19 +7,30 @@
 //! plus the latency plus the drive's own delay, any real number of samples later, and is held until the next one arrives.
 
 mod drive;
+mod lag;
 mod parts;
+mod readout;
 mod sensor;
+mod substep;
+mod waveform;
 
 pub use drive::{Drive, Heat, Warming};
+pub use lag::Lag;
 pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts};
 pub use sensor::{Drift, Line, Sensor, SensorState};
 
 use crate::exact::{Dynamics, MAX_STATES, Spans, Stepper, pack, stepper, unpack};
 use crate::phs::{Phs, PhsState};
+use readout::Readout;
 use std::collections::VecDeque;
+use substep::Laws;
+use waveform::Waveform;
 
 /// A fraction of a sample below which a delay counts as a whole number of samples: rounding of the numbers that state it.
 const WHOLE: f64 = 1e-9;
+
+/// Drive at which the stiffness of nonlinear springs is judged, in volts: a bender's range; it decides the number of sub-steps only.
+const TYPICAL_V: f64 = 60.0;
 
 /// Largest number of hysterons that a chain can step.
 pub const MAX_HYSTERONS: usize = MAX_STATES - 2;
@@ -35,23 +46,6 @@ pub struct Chain {
     pub parts: Parts,
     /// What turns displacement into the logged number.
     pub sensor: Sensor,
-}
-
-/// A linear low-pass with unit gain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Lag {
-    /// 1 / (1 + s T).
-    First {
-        /// T in seconds.
-        time_constant_s: f64,
-    },
-    /// w^2 / (s^2 + 2 z w s + w^2).
-    Second {
-        /// w in rad/s.
-        natural_rad_per_s: f64,
-        /// z.
-        damping_ratio: f64,
-    },
 }
 
 /// A command as it is held: its value when it takes effect and its slope until the next one does.
@@ -74,17 +68,41 @@ impl Held {
 pub struct Simulator {
     plant: Phs,
     drive: Drive,
-    offset_m: f64,
     stepper: Box<dyn Stepper>,
-    /// Commands on their way, the oldest (acting) one first.
+    readout: Readout,
+    modes: Vec<Mode>,
+    /// States that the sensor sees besides the displacement: those of parallel modes.
+    seen_too: Vec<usize>,
+    sample_s: f64,
+    pace: Pace,
+    heat: Option<HeatState>,
+}
+
+/// How a sample is stepped through.
+enum Pace {
+    /// Whole, or in the two parts that a fractional delay makes: what the drive holds is constant, or a line.
+    Exact(Queue),
+    /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine.
+    Fine { waveform: Box<Waveform>, laws: Option<Box<Laws>>, count: usize },
+}
+
+/// Commands on their way to a drive without memory.
+struct Queue {
+    /// The oldest (acting) one first.
     pending: VecDeque<Held>,
     /// What is held until the first command arrives, and how many samples ahead of `pending` it stands in the queue. Counted and not
     /// queued, because a file may state any delay.
     before: Held,
     before_samples: f64,
-    sample_s: f64,
     /// Time from a sample's start until the command that arrives within it does; zero if commands arrive at sample starts.
     fraction_s: f64,
+}
+
+/// Warmth and what it makes of the gain.
+struct HeatState {
+    warming: Warming,
+    theta: f64,
+    last_v: f64,
 }
 
 impl Simulator {
@@ -92,7 +110,122 @@ impl Simulator {
     ///
     /// `latency_s` is the time from sampling to the new command leaving the controller; any real >= 0.
     pub fn new(chain: &Chain, sample_s: f64, latency_s: f64) -> Self {
-        let delay = (latency_s + chain.drive.delay_s) / sample_s;
+        let delay_s = latency_s + chain.drive.delay_s;
+        let parts = &chain.parts;
+        let dynamics = Dynamics::with_modes(&chain.plant, &parts.modes);
+        let (pace, spans) = if chain.drive.has_memory() || parts.need_substeps() {
+            let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
+            let count = if parts.need_substeps() {
+                substep::substeps(&chain.plant, &parts.forces, stroke_m, sample_s)
+            } else {
+                1
+            };
+            let laws =
+                parts.need_substeps().then(|| Box::new(Laws::new(&parts.forces, &parts.bends, dynamics.states())));
+            let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
+            (Pace::Fine { waveform, laws, count }, Spans::whole(sample_s / count as f64))
+        } else {
+            let queue = Queue::new(delay_s / sample_s, sample_s);
+            let fraction_s = queue.fraction_s;
+            let spans = if fraction_s > 0.0 { Spans::split(sample_s, fraction_s) } else { Spans::whole(sample_s) };
+            (Pace::Exact(queue), spans)
+        };
+        let states_before = chain.plant.hysterons.len() + 2;
+        let seen_too = parts.modes.iter().enumerate().filter(|(_, mode)| matches!(mode.joint, Joint::Parallel { .. }));
+        Self {
+            plant: chain.plant.clone(),
+            drive: chain.drive.clone(),
+            stepper: stepper(&dynamics, spans),
+            readout: Readout::new(&chain.sensor, sample_s),
+            modes: parts.modes.clone(),
+            seen_too: seen_too.map(|(index, _)| states_before + 2 * index).collect(),
+            sample_s,
+            pace,
+            heat: chain.drive.warming.map(|warming| HeatState { warming, theta: 0.0, last_v: 0.0 }),
+        }
+    }
+
+    /// Starts from `state` with `drive_v` held ever before.
+    pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
+        let mut packed = pack(state);
+        let held_v = self.drive.output_v(drive_v);
+        // Oscillators begin at rest: attached ones where the mass is, parallel ones where the held force has brought them.
+        for mode in &self.modes {
+            packed.extend(match mode.joint {
+                Joint::Attached { .. } => [state.displacement_m, 0.0],
+                Joint::Parallel { compliance_m_per_n } => {
+                    [compliance_m_per_n * self.plant.transduction_c_per_m * held_v, 0.0]
+                }
+            });
+        }
+        self.stepper.set_state(&packed);
+        match &mut self.pace {
+            Pace::Exact(queue) => queue.before = Held::zero_order(drive_v),
+            Pace::Fine { waveform, .. } => waveform.rest_on(drive_v),
+        }
+        if let Some(heat) = &mut self.heat {
+            heat.last_v = held_v;
+        }
+        self.readout.rest_at(self.seen_m());
+    }
+
+    /// The state at the present sample's start.
+    pub fn state(&self) -> PhsState {
+        unpack(self.stepper.as_ref(), self.plant.hysterons.len())
+    }
+
+    /// Displacement and velocity of the structure, in metres and m/s, at the present sample's start.
+    pub fn motion(&self) -> (f64, f64) {
+        (self.stepper.state(0), self.stepper.state(1))
+    }
+
+    /// What the sensor predictably reads at the present sample's start, in metres.
+    pub fn reading_m(&self) -> f64 {
+        self.readout.reading_m()
+    }
+
+    fn seen_m(&self) -> f64 {
+        self.stepper.state(0) + self.seen_too.iter().map(|&state| self.stepper.state(state)).sum::<f64>()
+    }
+
+    /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
+    pub fn advance(&mut self, command: Held, force_n: f64) {
+        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain);
+        let stepper = self.stepper.as_mut();
+        let acting_v = match &mut self.pace {
+            Pace::Exact(queue) => queue.advance(stepper, &self.drive, self.sample_s, command, alpha, force_n),
+            Pace::Fine { waveform, laws, count } => {
+                waveform.push(command);
+                let step_s = self.sample_s / *count as f64;
+                for index in 0..*count {
+                    let from_s = index as f64 * step_s;
+                    let line = waveform.line(from_s, step_s);
+                    let (start_n, slope) = (alpha * line.start_v - force_n, alpha * line.slope_v_per_s);
+                    if let Some(laws) = laws {
+                        let (before_m, pull_n) = (stepper.state(0), start_n + 0.5 * step_s * slope);
+                        let time_s = waveform.sample_start_s() + from_s;
+                        let rates = laws.rates(&self.plant, &|i| stepper.state(i), pull_n, time_s, step_s);
+                        stepper.set_rates(Some(rates));
+                        stepper.advance(0, start_n, slope);
+                        laws.moved(before_m, stepper.state(0));
+                    } else {
+                        stepper.advance(0, start_n, slope);
+                    }
+                }
+                waveform.end_sample();
+                waveform.now_v()
+            }
+        };
+        if let Some(heat) = &mut self.heat {
+            heat.pass(acting_v, self.sample_s);
+        }
+        self.readout.advance(self.seen_m(), self.stepper.state(1));
+    }
+}
+
+impl Queue {
+    /// A queue `delay` samples long.
+    fn new(delay: f64, sample_s: f64) -> Self {
         let mut whole = delay.floor();
         let mut fraction = delay - whole;
         if fraction > 1.0 - WHOLE {
@@ -101,53 +234,44 @@ impl Simulator {
         if !(WHOLE..=1.0 - WHOLE).contains(&fraction) {
             fraction = 0.0;
         }
-        let fraction_s = fraction * sample_s;
-        let spans = if fraction > 0.0 { Spans::split(sample_s, fraction_s) } else { Spans::whole(sample_s) };
         Self {
-            plant: chain.plant.clone(),
-            drive: chain.drive.clone(),
-            offset_m: chain.sensor.offset_m,
-            stepper: stepper(&Dynamics::of_plant(&chain.plant), spans),
             pending: VecDeque::new(),
             before: Held::zero_order(0.0),
             before_samples: whole + if fraction > 0.0 { 1.0 } else { 0.0 },
-            sample_s,
-            fraction_s,
+            fraction_s: fraction * sample_s,
         }
     }
 
-    /// Starts from `state` with `drive_v` held ever before.
-    pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
-        self.stepper.set_state(&pack(state));
-        self.before = Held::zero_order(drive_v);
-    }
-
-    /// The state at the present sample's start.
-    pub fn state(&self) -> PhsState {
-        unpack(self.stepper.as_ref(), self.plant.hysterons.len())
-    }
-
-    /// Displacement at the present sample's start as an ideal sensor reads it: with the sensor's offset, without noise.
-    pub fn reading_m(&self) -> f64 {
-        self.stepper.state(0) + self.offset_m
-    }
-
-    /// Velocity at the present sample's start.
-    pub fn velocity_m_per_s(&self) -> f64 {
-        self.stepper.state(1)
-    }
-
-    /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
-    pub fn advance(&mut self, command: Held, force_n: f64) {
+    /// Steps through one sample under force `alpha` times drive minus `force_n`; returns the volts at its end.
+    #[inline]
+    fn advance(
+        &mut self,
+        stepper: &mut dyn Stepper,
+        drive: &Drive,
+        sample_s: f64,
+        command: Held,
+        alpha: f64,
+        force_n: f64,
+    ) -> f64 {
         self.pending.push_back(command);
         let acting = self.take_oldest();
+        let mut push = |span: usize, held: Held, age_s: f64, duration_s: f64| {
+            let start_v = drive.output_v(held.start_v + held.slope_v_per_s * age_s);
+            if held.slope_v_per_s == 0.0 {
+                stepper.advance(span, alpha * start_v - force_n, 0.0);
+                return start_v;
+            }
+            let end_v = drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+            stepper.advance(span, alpha * start_v - force_n, alpha * (end_v - start_v) / duration_s);
+            end_v
+        };
         if self.fraction_s > 0.0 {
             // The old command has acted for the rest of a sample already.
-            self.push(0, acting, self.sample_s - self.fraction_s, self.fraction_s, force_n);
+            push(0, acting, sample_s - self.fraction_s, self.fraction_s);
             let arriving = if self.before_samples >= 1.0 { Some(self.before) } else { self.pending.front().copied() };
-            self.push(1, arriving.unwrap_or(command), 0.0, self.sample_s - self.fraction_s, force_n);
+            push(1, arriving.unwrap_or(command), 0.0, sample_s - self.fraction_s)
         } else {
-            self.push(0, acting, 0.0, self.sample_s, force_n);
+            push(0, acting, 0.0, sample_s)
         }
     }
 
@@ -158,15 +282,21 @@ impl Simulator {
         }
         self.pending.pop_front().unwrap_or(self.before)
     }
+}
 
-    fn push(&mut self, span: usize, held: Held, age_s: f64, duration_s: f64, force_n: f64) {
-        let alpha = self.plant.transduction_c_per_m;
-        let start_v = self.drive.output_v(held.start_v + held.slope_v_per_s * age_s);
-        if held.slope_v_per_s == 0.0 {
-            self.stepper.advance(span, alpha * start_v - force_n, 0.0);
-        } else {
-            let end_v = self.drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
-            self.stepper.advance(span, alpha * start_v - force_n, alpha * (end_v - start_v) / duration_s);
-        }
+impl HeatState {
+    fn gain(&self) -> f64 {
+        1.0 + self.warming.coefficient * self.theta
+    }
+
+    /// A sample passed that ended with `drive_v` on the actuator.
+    fn pass(&mut self, drive_v: f64, sample_s: f64) {
+        let heating = match self.warming.heat {
+            Heat::Time => 1.0,
+            Heat::Drive { volts } => (drive_v / volts).powi(2),
+            Heat::Rate { volts_per_s } => ((drive_v - self.last_v) / (sample_s * volts_per_s)).powi(2),
+        };
+        self.last_v = drive_v;
+        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (heating - self.theta);
     }
 }

@@ -1,5 +1,6 @@
 //! What the engine steps: a linear system, its dead zones, and the scales that make its matrix comparable across units.
 
+use crate::chain::{Joint, Mode};
 use crate::phs::Phs;
 use nalgebra::{DMatrix, DVector};
 
@@ -94,5 +95,49 @@ impl Dynamics {
         let mut force = DVector::zeros(n + 2);
         force[VELOCITY] = 1.0 / m;
         Self { closed, force, dead_zones, scale, turning_rate_per_s: (stiffness / m).sqrt() + b / m }
+    }
+
+    /// The plant with oscillators, two states [displacement, velocity] each behind those of the plant.
+    ///
+    /// An attached one feels the moving mass and pulls at it; a parallel one feels the force alone and is seen by the sensor.
+    pub fn with_modes(plant: &Phs, modes: &[Mode]) -> Self {
+        let mut dynamics = Self::of_plant(plant);
+        let m = plant.mass_kg;
+        for mode in modes {
+            let states = dynamics.states();
+            let (position, velocity) = (states, states + 1);
+            let mut a = dynamics.closed.resize(states + 2, states + 2, 0.0);
+            let mut force = dynamics.force.clone().resize_vertically(states + 2, 0.0);
+            let mut scale = dynamics.scale.clone().resize_vertically(states + 2, 1.0);
+            let w = std::f64::consts::TAU * mode.hz;
+            let (spring, damper) = (w * w, 2.0 * mode.damping_ratio * w);
+            a[(position, velocity)] = 1.0;
+            a[(velocity, position)] = -spring;
+            a[(velocity, velocity)] = -damper;
+            let share = match mode.joint {
+                Joint::Attached { mass_kg } => {
+                    a[(velocity, DISPLACEMENT)] = spring;
+                    a[(velocity, VELOCITY)] = damper;
+                    let ratio = mass_kg / m;
+                    a[(VELOCITY, DISPLACEMENT)] -= ratio * spring;
+                    a[(VELOCITY, VELOCITY)] -= ratio * damper;
+                    a[(VELOCITY, position)] += ratio * spring;
+                    a[(VELOCITY, velocity)] += ratio * damper;
+                    ratio
+                }
+                Joint::Parallel { compliance_m_per_n } => {
+                    force[velocity] = compliance_m_per_n * spring;
+                    1.0
+                }
+            };
+            scale[velocity] = 1.0 / (m * share.max(1e-6)).sqrt();
+            scale[position] = scale[velocity] / w;
+            // Only what is attached turns the plant's velocity.
+            if let Joint::Attached { .. } = mode.joint {
+                dynamics.turning_rate_per_s += w * (1.0 + share).sqrt() + damper;
+            }
+            (dynamics.closed, dynamics.force, dynamics.scale) = (a, force, scale);
+        }
+        dynamics
     }
 }

@@ -120,6 +120,8 @@ pub struct Engine<const N: usize> {
     regions: Vec<Region<N>>,
     region_of: HashMap<Signs, usize>,
     x: [f64; N],
+    /// Constant additions to x', and whether there are any.
+    rates: Option<[f64; N]>,
     /// Acceleration at `x` without the force's share, kept from the check of the move that led there.
     pull: f64,
     region: usize,
@@ -157,6 +159,7 @@ impl<const N: usize> Engine<N> {
             regions: Vec::new(),
             region_of: HashMap::new(),
             x: [0.0; N],
+            rates: None,
             pull: 0.0,
             region: 0,
         };
@@ -251,10 +254,23 @@ impl<const N: usize> Engine<N> {
         y
     }
 
+    /// `offset`, the response to a region's constants over `map`, with that to the constant additions.
+    #[inline(always)]
+    fn with_rates(&self, map: &Linear<N>, offset: &[f64; N]) -> [f64; N] {
+        let mut sum = *offset;
+        if let Some(rates) = &self.rates {
+            let response = apply(&map.constant, rates);
+            for i in 0..N {
+                sum[i] += response[i];
+            }
+        }
+        sum
+    }
+
     /// Acceleration at `x` without the force's share.
     #[inline(always)]
     fn pull(&self, x: &[f64; N]) -> f64 {
-        let mut sum = 0.0;
+        let mut sum = self.rates.as_ref().map_or(0.0, |rates| rates[VELOCITY]);
         for j in 0..N {
             sum += self.acceleration_row[j] * x[j];
         }
@@ -304,7 +320,7 @@ impl<const N: usize> Engine<N> {
         if self.coarsest[span] == 0 {
             let region = &self.regions[self.region];
             let (map, offset) = &region.whole[span];
-            let y = self.moved::<RAMP>(map, offset, force_n, slope);
+            let y = self.moved::<RAMP>(map, &self.with_rates(map, offset), force_n, slope);
             let (pull, drive) = (self.pull(&y), self.force[VELOCITY]);
             let ends = [self.pull + drive * force_n, pull + drive * (force_n + slope * duration_s)];
             if self.stayed(region, &y, duration_s, ends) {
@@ -364,7 +380,8 @@ impl<const N: usize> Engine<N> {
                 let rung = (level - coarsest) as usize;
                 let move_s = duration_s * 0.5f64.powi(level as i32);
                 let map = &self.open_sets[region.open_set].ladders[span][rung];
-                let y = self.moved::<RAMP>(map, &region.offsets[span][rung], now_n, slope);
+                let offset = self.with_rates(map, &region.offsets[span][rung]);
+                let y = self.moved::<RAMP>(map, &offset, now_n, slope);
                 let pull_y = self.pull(&y);
                 let ends = [pull + drive * now_n, pull_y + drive * (now_n + slope * move_s)];
                 if self.stayed(region, &y, move_s, ends) {
@@ -418,7 +435,10 @@ impl<const N: usize> Engine<N> {
             let mut next = apply(a, &series.terms[degree - 1]);
             for i in 0..N {
                 match degree {
-                    1 => next[i] += self.force[i] * force_n + region.constant[i],
+                    1 => {
+                        let rate = self.rates.as_ref().map_or(0.0, |rates| rates[i]);
+                        next[i] += self.force[i] * force_n + region.constant[i] + rate;
+                    }
                     2 => next[i] += self.force[i] * slope,
                     _ => {}
                 }
@@ -676,6 +696,16 @@ impl<const N: usize> Stepper for Engine<N> {
         self.x[..state.len().min(N)].copy_from_slice(&state[..state.len().min(N)]);
         self.pull = self.pull(&self.x);
         self.region = self.region_index(self.signs_of(&self.x));
+    }
+
+    fn set_rates(&mut self, rates: Option<&[f64]>) {
+        self.rates = rates.map(|rates| {
+            let mut padded = [0.0; N];
+            let count = rates.len().min(N);
+            padded[..count].copy_from_slice(&rates[..count]);
+            padded
+        });
+        self.pull = self.pull(&self.x);
     }
 
     fn regions_built(&self) -> usize {

@@ -50,6 +50,10 @@ pub trait Stepper: Send {
     fn state(&self, index: usize) -> f64;
     /// Replaces the state.
     fn set_state(&mut self, state: &[f64]);
+    /// Constant additions to the rates of the states for the moves to come: what a sub-step makes of a law that is not affine. A dead
+    /// zone's own state may then turn without the velocity, which the search for crossings doesn't expect; it stays right to the size
+    /// of that addition over a sub-step.
+    fn set_rates(&mut self, rates: Option<&[f64]>);
     /// Region maps made so far: what set-up cost, and a check that a long run does not keep building.
     fn regions_built(&self) -> usize;
 }

@@ -1,0 +1,148 @@
+//! A drive in motion: commands go in, volts at the actuator come out as one straight line per sub-step.
+//!
+//! Within a sub-step the true output may jump, ramp and decay. The line keeps its mean and its first moment. Displacement, the second
+//! integral of the force, is then right at the sub-step's end up to what spring and damper make of the difference meanwhile.
+
+use super::lag::LagState;
+use super::{Drive, Held};
+use std::collections::VecDeque;
+
+/// The drive's state.
+pub(super) struct Waveform {
+    drive: Drive,
+    delay_s: f64,
+    sample_s: f64,
+    /// Commands on their way and the sample each was given in, the oldest first.
+    underway: VecDeque<(u64, Held)>,
+    /// The command that acts and for how long it has.
+    acting: Held,
+    age_s: f64,
+    slewed_v: f64,
+    lag: LagState,
+    sample: u64,
+}
+
+/// Mean-preserving line over a sub-step.
+pub(super) struct Line {
+    pub start_v: f64,
+    pub slope_v_per_s: f64,
+}
+
+impl Waveform {
+    pub(super) fn new(drive: &Drive, sample_s: f64, delay_s: f64) -> Self {
+        let mut waveform = Self {
+            drive: drive.clone(),
+            delay_s,
+            sample_s,
+            underway: VecDeque::new(),
+            acting: Held::zero_order(0.0),
+            age_s: 0.0,
+            slewed_v: 0.0,
+            lag: LagState::default(),
+            sample: 0,
+        };
+        waveform.rest_on(0.0);
+        waveform
+    }
+
+    /// `drive_v` has been commanded ever before.
+    pub(super) fn rest_on(&mut self, drive_v: f64) {
+        self.acting = Held::zero_order(drive_v);
+        self.slewed_v = self.drive.output_v(drive_v);
+        self.lag = LagState::at(self.slewed_v);
+    }
+
+    /// Volts now.
+    pub(super) fn now_v(&self) -> f64 {
+        self.lag.value()
+    }
+
+    /// When the present sample began, in seconds.
+    pub(super) fn sample_start_s(&self) -> f64 {
+        self.sample as f64 * self.sample_s
+    }
+
+    /// Takes the command of the sample that begins.
+    pub(super) fn push(&mut self, command: Held) {
+        self.underway.push_back((self.sample, command));
+    }
+
+    /// The sample is over.
+    pub(super) fn end_sample(&mut self) {
+        self.sample += 1;
+    }
+
+    /// The output between `from_s` and `from_s + duration_s` of the present sample.
+    pub(super) fn line(&mut self, from_s: f64, duration_s: f64) -> Line {
+        let mut sum = Sum::default();
+        let mut done_s = 0.0;
+        loop {
+            let arrival_s = self.underway.front().map_or(f64::INFINITY, |(given, _)| {
+                self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s
+            });
+            // A command that comes within rounding of a sub-step's start comes at its start.
+            if arrival_s <= done_s + 1e-9 * duration_s {
+                if let Some((_, held)) = self.underway.pop_front() {
+                    (self.acting, self.age_s) = (held, (done_s - arrival_s).max(0.0));
+                }
+                continue;
+            }
+            let until_s = arrival_s.min(duration_s);
+            self.hold(until_s - done_s, &mut sum);
+            done_s = until_s;
+            if done_s >= duration_s {
+                break;
+            }
+        }
+        let mean_v = sum.zeroth / duration_s;
+        let slope_v_per_s = 12.0 * (sum.first - 0.5 * duration_s * sum.zeroth) / duration_s.powi(3);
+        // Rounding leaves a slope of 1e-10 of a held value, which would only cost the engine its fast path.
+        let flat = slope_v_per_s.abs() * duration_s <= 1e-9 * mean_v.abs();
+        let slope_v_per_s = if flat { 0.0 } else { slope_v_per_s };
+        Line { start_v: mean_v - 0.5 * duration_s * slope_v_per_s, slope_v_per_s }
+    }
+
+    /// The acting command over `duration_s`.
+    fn hold(&mut self, duration_s: f64, sum: &mut Sum) {
+        let at = |age_s: f64| self.drive.output_v(self.acting.start_v + self.acting.slope_v_per_s * age_s);
+        let from_v = at(self.age_s);
+        self.age_s += duration_s;
+        let slope = if self.acting.slope_v_per_s == 0.0 { 0.0 } else { (at(self.age_s) - from_v) / duration_s };
+        let most = self.drive.slew_v_per_s;
+        if most == f64::INFINITY {
+            return self.pass(from_v, slope, duration_s, sum);
+        }
+        // Ramps towards the line, then follows it if it can.
+        let apart = from_v - self.slewed_v;
+        let ramp = most.copysign(apart);
+        let meeting_s = if apart == 0.0 { 0.0 } else { apart / (ramp - slope) };
+        let chasing_s = if slope.abs() >= most && apart * slope >= 0.0 || meeting_s < 0.0 {
+            duration_s
+        } else {
+            meeting_s.min(duration_s)
+        };
+        if chasing_s > 0.0 {
+            self.pass(self.slewed_v, ramp, chasing_s, sum);
+            self.slewed_v += ramp * chasing_s;
+        }
+        if duration_s > chasing_s {
+            let start_v = from_v + slope * chasing_s;
+            self.pass(start_v, slope, duration_s - chasing_s, sum);
+            self.slewed_v = start_v + slope * (duration_s - chasing_s);
+        }
+    }
+
+    fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64, sum: &mut Sum) {
+        let piece = self.lag.pass(self.drive.lag, [from_v, slope, 0.0, 0.0], duration_s);
+        sum.zeroth += piece.zeroth;
+        sum.first += piece.first + sum.done_s * piece.zeroth;
+        sum.done_s += duration_s;
+    }
+}
+
+#[derive(Default)]
+struct Sum {
+    zeroth: f64,
+    first: f64,
+    done_s: f64,
+}
