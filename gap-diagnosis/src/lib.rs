@@ -2,6 +2,7 @@
 //!
 //! What it does not do: simulate (`plant-sim`), open ports, read command lines.
 
+pub mod diagnose;
 pub mod identify;
 pub mod page;
 pub mod residual;

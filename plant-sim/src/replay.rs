@@ -125,29 +125,56 @@ pub fn predict(chain: &Chain, log: &Log, start: &Start, rows: usize) -> Vec<f64>
 
 /// Plays `log` (or its first `rows` rows); `after` gets each row's reading in metres, and the player once it has moved on.
 pub fn play(chain: &Chain, log: &Log, start: &Start, rows: usize, mut after: impl FnMut(f64, &Player)) {
-    let mut player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
-    let n_rows = log.command_v.len();
-    let ahead = 1 + player.look_ahead();
-    let force_n = log.force_n.as_deref();
-    let step = |player: &mut Player, row: usize| {
-        let k = row.min(n_rows - 1);
-        player.step(&log.command_v[k..(k + ahead).min(n_rows)], force_n.map_or(0.0, |f| f[k]))
-    };
-    let rows = rows.min(n_rows);
-    if chain.sensor.clock_ratio == 0.0 {
-        for k in 0..rows {
-            let reading_m = step(&mut player, k);
-            after(reading_m, &player);
-        }
-        return;
+    let mut reader = Reader::new(chain, log, start);
+    for _ in 0..rows.min(log.len()) {
+        let reading_m = reader.next_m();
+        after(reading_m, &reader.player);
     }
-    let mut clock = Clock { ratio: chain.sensor.clock_ratio, known_m: VecDeque::new(), taken: 0 };
-    for k in 0..rows {
-        while clock.lacks(k) {
-            let reading_m = step(&mut player, clock.taken);
+}
+
+/// Plays a log row by row.
+pub struct Reader<'a> {
+    log: &'a Log,
+    player: Player,
+    ahead: usize,
+    clock: Option<Clock>,
+    row: usize,
+    /// Volts at the actuator and motion of the structure (metres, m/s) when the last row was read.
+    pub drive_v: f64,
+    /// See `drive_v`.
+    pub motion: (f64, f64),
+}
+
+impl<'a> Reader<'a> {
+    /// Before the first row of `log`.
+    pub fn new(chain: &Chain, log: &'a Log, start: &Start) -> Self {
+        let player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
+        let ahead = 1 + player.look_ahead();
+        let ratio = chain.sensor.clock_ratio;
+        let clock = (ratio != 0.0).then(|| Clock { ratio, known_m: VecDeque::new(), taken: 0 });
+        Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0) }
+    }
+
+    /// Reading of an ideal sensor at the next row, metres. Beyond the log's end the last command is held.
+    pub fn next_m(&mut self) -> f64 {
+        let row = self.row;
+        self.row += 1;
+        (self.drive_v, self.motion) = (self.player.simulator.drive_v(), self.player.simulator.motion());
+        let Some(mut clock) = self.clock.take() else { return self.step(row) };
+        while clock.lacks(row) {
+            let reading_m = self.step(clock.taken);
             clock.take(reading_m);
         }
-        after(clock.read_m(k), &player);
+        let reading_m = clock.read_m(row);
+        self.clock = Some(clock);
+        reading_m
+    }
+
+    fn step(&mut self, row: usize) -> f64 {
+        let n_rows = self.log.len();
+        let k = row.min(n_rows - 1);
+        let force_n = self.log.force_n.as_ref().map_or(0.0, |f| f[k]);
+        self.player.step(&self.log.command_v[k..(k + self.ahead).min(n_rows)], force_n)
     }
 }
 

@@ -75,6 +75,8 @@ pub struct Simulator {
     seen_too: Vec<usize>,
     sample_s: f64,
     pace: Pace,
+    /// Volts at the actuator at the present sample's start.
+    acting_v: f64,
     heat: Option<HeatState>,
 }
 
@@ -141,6 +143,7 @@ impl Simulator {
             seen_too: seen_too.map(|(index, _)| states_before + 2 * index).collect(),
             sample_s,
             pace,
+            acting_v: 0.0,
             heat: chain.drive.warming.map(|warming| HeatState { warming, theta: 0.0, last_v: 0.0 }),
         }
     }
@@ -163,6 +166,7 @@ impl Simulator {
             Pace::Exact(queue) => queue.before = Held::zero_order(drive_v),
             Pace::Fine { waveform, .. } => waveform.rest_on(drive_v),
         }
+        self.acting_v = held_v;
         if let Some(heat) = &mut self.heat {
             heat.last_v = held_v;
         }
@@ -179,6 +183,11 @@ impl Simulator {
         (self.stepper.state(0), self.stepper.state(1))
     }
 
+    /// Volts at the actuator at the present sample's start.
+    pub fn drive_v(&self) -> f64 {
+        self.acting_v
+    }
+
     /// What the sensor predictably reads at the present sample's start, in metres.
     pub fn reading_m(&self) -> f64 {
         self.readout.reading_m()
@@ -192,7 +201,7 @@ impl Simulator {
     pub fn advance(&mut self, command: Held, force_n: f64) {
         let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain);
         let stepper = self.stepper.as_mut();
-        let acting_v = match &mut self.pace {
+        self.acting_v = match &mut self.pace {
             Pace::Exact(queue) => queue.advance(stepper, &self.drive, self.sample_s, command, alpha, force_n),
             Pace::Fine { waveform, laws, count } => {
                 waveform.push(command);
@@ -217,7 +226,7 @@ impl Simulator {
             }
         };
         if let Some(heat) = &mut self.heat {
-            heat.pass(acting_v, self.sample_s);
+            heat.pass(self.acting_v, self.sample_s);
         }
         self.readout.advance(self.seen_m(), self.stepper.state(1));
     }

@@ -1,0 +1,443 @@
+//! What the diagnosis fits: logs with their noise, a nominal plant with its uncertainty, and hypotheses, which are forms of effects
+//! added to it. A vector of coordinates becomes one chain and one start for every log.
+
+use crate::identify::parameters::{Free, Quantity, Scale};
+use plant_sim::chain::{Chain, Sensor};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
+use plant_sim::log::Log;
+use plant_sim::model::Model;
+use plant_sim::phs::PhsState;
+use plant_sim::replay::Start;
+
+/// Relative standard deviation of a nominal number whose source gives none.
+const SIGMA: f64 = 0.02;
+/// Farthest that a nominal number may move, as a natural logarithm.
+const BOUND: f64 = 0.75;
+/// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
+const LOG_STEP: f64 = 0.7;
+const FREQUENCY_STEP: f64 = 0.04;
+
+/// One log as the diagnosis sees it.
+#[derive(Clone, Debug)]
+pub struct Record<'a> {
+    /// The log.
+    pub log: &'a Log,
+    /// Rows at the start that are simulated, neither fitted nor scored.
+    pub run_in: usize,
+    /// Rms of the noise in metres.
+    pub noise_m: f64,
+    /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
+    pub lattice_m: f64,
+    /// Drive held before the first row, and how uncertain that is, in volts.
+    pub before_v: [f64; 2],
+    /// Rows that are never fitted, only scored.
+    pub held_out: HeldOut,
+    /// Noise of the drive monitor in volts, if the log has one.
+    pub monitor_v: Option<f64>,
+}
+
+/// Which rows of a log are kept from the fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldOut {
+    /// None.
+    Nothing,
+    /// Every fifth of stretches of this many rows.
+    Stretches(usize),
+    /// All of them.
+    Everything,
+}
+
+impl HeldOut {
+    /// Whether row `k` is kept from the fits.
+    #[inline]
+    pub fn holds(self, k: usize) -> bool {
+        match self {
+            HeldOut::Nothing => false,
+            HeldOut::Stretches(rows) => (k / rows) % 5 == 3,
+            HeldOut::Everything => true,
+        }
+    }
+}
+
+/// How a log may start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freedom {
+    /// In equilibrium, hysterons anywhere inside their dead zones.
+    Rest,
+    /// Relaxed, at the drive that was held before.
+    Relaxed,
+    /// Anywhere.
+    Any,
+}
+
+/// One form of one effect, with its axes.
+#[derive(Clone)]
+pub struct Installed {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// The form.
+    pub form: &'static Form,
+    /// One axis for each parameter.
+    pub axes: Vec<Axis>,
+}
+
+/// One parameter as the search walks it.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// What one coordinate unit is worth (amplitudes and places).
+    unit: f64,
+}
+
+impl Axis {
+    fn new(parameter: Parameter) -> Self {
+        let unit = match &parameter.role {
+            Role::Amplitude(typical) => typical.abs(),
+            Role::Shape(_) => 1.0,
+            Role::Place(_) => 0.1 * (parameter.bounds[1] - parameter.bounds[0]),
+        };
+        Self { parameter, unit }
+    }
+
+    /// Whether the effect vanishes at zero.
+    pub fn is_amplitude(&self) -> bool {
+        matches!(self.parameter.role, Role::Amplitude(_))
+    }
+
+    /// Values from which a search may start; the typical one for an amplitude.
+    pub fn starts(&self) -> Vec<f64> {
+        match &self.parameter.role {
+            Role::Amplitude(typical) => vec![*typical],
+            Role::Shape(starts) | Role::Place(starts) => starts.clone(),
+        }
+    }
+
+    /// The value at coordinate `z`.
+    pub fn value(&self, z: f64) -> f64 {
+        let [low, high] = self.parameter.bounds;
+        match self.parameter.role {
+            Role::Shape(_) => z.exp().clamp(low, high),
+            _ => (self.unit * z).clamp(low, high),
+        }
+    }
+
+    /// The coordinate of `value`.
+    pub fn coordinate(&self, value: f64) -> f64 {
+        let [low, high] = self.parameter.bounds;
+        let value = value.clamp(low, high);
+        match self.parameter.role {
+            Role::Shape(_) => value.max(f64::MIN_POSITIVE).ln(),
+            _ => value / self.unit,
+        }
+    }
+
+    fn bounds(&self) -> [f64; 2] {
+        self.parameter.bounds.map(|bound| self.coordinate(bound))
+    }
+
+    /// Change of the value for one of the coordinate, at `z`.
+    pub fn slope(&self, z: f64) -> f64 {
+        if matches!(self.parameter.role, Role::Shape(_)) { self.value(z) } else { self.unit }
+    }
+}
+
+/// A set of forms on top of the nominal plant.
+#[derive(Clone)]
+pub struct Hypothesis {
+    /// The forms, in the order in which they are installed.
+    pub installed: Vec<Installed>,
+    /// How logs may start.
+    pub freedom: Freedom,
+}
+
+impl Hypothesis {
+    /// The nominal plant alone.
+    pub fn nominal(freedom: Freedom) -> Self {
+        Self { installed: Vec::new(), freedom }
+    }
+
+    /// This with one form more.
+    pub fn with(&self, effect: &'static dyn Effect, form: &'static Form, scales: &Scales<'_>) -> Self {
+        let axes = (form.parameters)(scales).into_iter().map(Axis::new).collect();
+        let mut installed = self.installed.clone();
+        installed.push(Installed { effect, form, axes });
+        let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
+        Self { installed, freedom }
+    }
+
+    /// Identifiers of its effects.
+    pub fn ids(&self) -> Vec<&'static str> {
+        self.installed.iter().map(|i| i.effect.id()).collect()
+    }
+}
+
+/// A coordinate's place in the world: prior, bounds, largest step.
+#[derive(Clone, Copy, Debug)]
+pub struct Rule {
+    /// Centre of the prior.
+    pub centre: f64,
+    /// Standard deviation of the prior; infinite for none.
+    pub sigma: f64,
+    /// Smallest and largest coordinate.
+    pub bounds: [f64; 2],
+    /// Largest step in one iteration.
+    pub most: f64,
+    /// Step of finite differences.
+    pub step: f64,
+}
+
+/// The nominal plant and the logs.
+pub struct Bench<'a> {
+    /// The nominal model.
+    pub model: &'a Model,
+    /// Its chain with an ideal sensor but for gain and offset: noise and quantisation are what residuals are made of.
+    pub chain: Chain,
+    /// Its uncertain numbers, the mass left out.
+    pub free: Vec<Free>,
+    /// Relative standard deviation of the mass.
+    pub mass_sigma: f64,
+    /// The logs.
+    pub records: Vec<Record<'a>>,
+    /// Half of the largest spans, for the registry's bounds.
+    pub stroke_m: f64,
+    /// See `stroke_m`.
+    pub drive_v: f64,
+    /// Largest rate of the command, steps left out.
+    pub rate_v_per_s: f64,
+}
+
+impl<'a> Bench<'a> {
+    /// A bench of `records`.
+    pub fn new(model: &'a Model, records: Vec<Record<'a>>) -> Self {
+        let nominal = model.chain();
+        let sensor = Sensor {
+            noise_m: 0.0,
+            quantum_m: 0.0,
+            slow_noise_m: 0.0,
+            jitter_s: 0.0,
+            repeated_share: 0.0,
+            ..nominal.sensor.clone()
+        };
+        let chain = Chain { sensor, ..nominal };
+        let mut writable = model.clone();
+        let mut numbers = chain.clone();
+        let free = Quantity::of(model)
+            .into_iter()
+            .map(|quantity| Free {
+                quantity,
+                prior: *quantity.number(&mut numbers),
+                scale: Scale::Log { bound: BOUND },
+                prior_sigma: quantity.record(&mut writable).sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
+            })
+            .filter(|free| free.prior > 0.0)
+            .collect();
+        let span = |values: &[f64]| {
+            let (low, high) =
+                values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+            high - low
+        };
+        let half = |of: &dyn Fn(&Log) -> f64| 0.5 * records.iter().map(|r| of(r.log)).fold(0.0, f64::max);
+        let stroke_m = half(&|log| span(&log.displacement_m)).max(1e-12);
+        let drive_v = half(&|log| span(&log.command_v)).max(1e-9);
+        let rate_v_per_s = records.iter().map(|r| smooth_rate(r.log)).fold(0.0, f64::max);
+        Self {
+            model,
+            chain,
+            free,
+            mass_sigma: model.structure.mass_kg.sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
+            stroke_m,
+            drive_v,
+            rate_v_per_s: if rate_v_per_s > 0.0 { rate_v_per_s } else { drive_v * 100.0 },
+            records,
+        }
+    }
+
+    /// Sizes for the registry.
+    pub fn scales(&self) -> Scales<'_> {
+        let longest = |of: &dyn Fn(&Log) -> f64| self.records.iter().map(|r| of(r.log)).fold(0.0, f64::max);
+        Scales {
+            plant: &self.chain.plant,
+            stroke_m: self.stroke_m,
+            drive_v: self.drive_v,
+            rate_v_per_s: self.rate_v_per_s,
+            sample_s: longest(&|log| log.dt_s),
+            longest_s: longest(&|log| log.len() as f64 * log.dt_s),
+        }
+    }
+
+    fn hysterons(&self) -> usize {
+        self.chain.plant.hysterons.len()
+    }
+
+    /// Coordinates that all logs share.
+    pub fn shared(&self, hypothesis: &Hypothesis) -> usize {
+        let own = |axis: &&Axis| !axis.parameter.per_log;
+        self.free.len() + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
+    }
+
+    /// Coordinates of a log's start.
+    fn start_count(&self, freedom: Freedom) -> usize {
+        match freedom {
+            Freedom::Relaxed => 0,
+            Freedom::Rest => 1 + self.hysterons(),
+            Freedom::Any => 3 + self.hysterons(),
+        }
+    }
+
+    /// Coordinates of each log.
+    pub fn own(&self, hypothesis: &Hypothesis) -> usize {
+        let own = |axis: &&Axis| axis.parameter.per_log;
+        self.start_count(hypothesis.freedom)
+            + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
+    }
+
+    /// All coordinates.
+    pub fn coordinates(&self, hypothesis: &Hypothesis) -> usize {
+        self.shared(hypothesis) + self.records.len() * self.own(hypothesis)
+    }
+
+    /// Where the coordinates of log `index` begin.
+    pub fn own_start(&self, hypothesis: &Hypothesis, index: usize) -> usize {
+        self.shared(hypothesis) + index * self.own(hypothesis)
+    }
+
+    /// Where each axis of the hypothesis sits: for log `index`, the coordinates of its axes, form by form.
+    pub fn places(&self, hypothesis: &Hypothesis, index: usize) -> Vec<Vec<usize>> {
+        let mut shared = self.free.len();
+        let mut own = self.own_start(hypothesis, index) + self.start_count(hypothesis.freedom);
+        let place = |axis: &Axis| {
+            let next = if axis.parameter.per_log { &mut own } else { &mut shared };
+            *next += 1;
+            *next - 1
+        };
+        let mut place = place;
+        hypothesis.installed.iter().map(|installed| installed.axes.iter().map(&mut place).collect()).collect()
+    }
+
+    /// Rules of all coordinates.
+    pub fn rules(&self, hypothesis: &Hypothesis) -> Vec<Rule> {
+        let mut rules: Vec<Rule> = self
+            .free
+            .iter()
+            .map(|free| Rule { centre: 0.0, sigma: free.prior_sigma, bounds: [-2.0, 2.0], most: 0.3, step: 1e-4 })
+            .collect();
+        rules.resize(
+            self.coordinates(hypothesis),
+            Rule { centre: 0.0, sigma: 1.0, bounds: [-3.0, 3.0], most: 1.0, step: 1e-3 },
+        );
+        for (index, record) in self.records.iter().enumerate() {
+            let at = self.own_start(hypothesis, index);
+            if hypothesis.freedom != Freedom::Relaxed {
+                // In volts.
+                let [before_v, sigma_v] = record.before_v;
+                let bounds = [before_v - 3.0 * self.drive_v, before_v + 3.0 * self.drive_v];
+                let step = 1e-4 * self.drive_v;
+                rules[at] = Rule { centre: before_v, sigma: sigma_v, bounds, most: self.drive_v, step };
+            }
+            if hypothesis.freedom == Freedom::Any {
+                for rule in &mut rules[at + 1..at + 3 + self.hysterons()] {
+                    (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
+                }
+            }
+        }
+        for index in 0..self.records.len() {
+            for (installed, places) in hypothesis.installed.iter().zip(self.places(hypothesis, index)) {
+                for (axis, place) in installed.axes.iter().zip(places) {
+                    let is_frequency = axis.parameter.name.ends_with("hz");
+                    let most = match axis.parameter.role {
+                        Role::Amplitude(_) => f64::INFINITY,
+                        _ if is_frequency => FREQUENCY_STEP,
+                        Role::Shape(_) => LOG_STEP,
+                        Role::Place(_) => 1.0,
+                    };
+                    let step = if is_frequency { 1e-5 } else { 1e-3 };
+                    rules[place] = Rule { centre: 0.0, sigma: f64::INFINITY, bounds: axis.bounds(), most, step };
+                }
+            }
+        }
+        rules
+    }
+
+    /// Coordinates with the nominal plant, rest before each log, and the given values of the forms' parameters.
+    pub fn origin(&self, hypothesis: &Hypothesis, values: &[Vec<f64>]) -> Vec<f64> {
+        let mut z: Vec<f64> = self.rules(hypothesis).iter().map(|rule| rule.centre).collect();
+        for index in 0..self.records.len() {
+            for ((installed, places), values) in
+                hypothesis.installed.iter().zip(self.places(hypothesis, index)).zip(values)
+            {
+                for ((axis, place), value) in installed.axes.iter().zip(places).zip(values) {
+                    z[place] = axis.coordinate(*value);
+                }
+            }
+        }
+        z
+    }
+
+    /// Values of the forms' parameters for log `index`.
+    pub fn values(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Vec<Vec<f64>> {
+        let value = |(installed, places): (&Installed, Vec<usize>)| {
+            installed.axes.iter().zip(places).map(|(axis, place)| axis.value(z[place])).collect()
+        };
+        hypothesis.installed.iter().zip(self.places(hypothesis, index)).map(value).collect()
+    }
+
+    /// The chain of log `index`.
+    pub fn chain_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Chain {
+        let mut chain = self.chain.clone();
+        for (free, &z) in self.free.iter().zip(z) {
+            *free.quantity.number(&mut chain) = free.at(z);
+        }
+        for (installed, values) in hypothesis.installed.iter().zip(self.values(hypothesis, z, index)) {
+            (installed.form.install)(&mut chain, &values);
+        }
+        chain
+    }
+
+    /// The start of log `index`.
+    pub fn start_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize, chain: &Chain) -> Start {
+        let own = &z[self.own_start(hypothesis, index)..];
+        let hysterons = &chain.plant.hysterons;
+        let nominal = self.hysterons();
+        let mut held_v = vec![0.0; hysterons.len()];
+        let before_v = match hypothesis.freedom {
+            Freedom::Relaxed => return Start::at_rest(chain, self.records[index].before_v[0], held_v),
+            Freedom::Rest => {
+                for i in 0..nominal {
+                    held_v[i] = hysterons[i].edge_v() * own[1 + i].tanh();
+                }
+                own[0]
+            }
+            Freedom::Any => {
+                for i in 0..nominal {
+                    held_v[i] = hysterons[i].edge_v() * own[1 + i];
+                }
+                own[0]
+            }
+        };
+        let mut start = Start::at_rest(chain, before_v, held_v);
+        if hypothesis.freedom == Freedom::Any {
+            let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
+            start.state.displacement_m += 0.1 * self.stroke_m * own[1 + nominal];
+            start.state.velocity_m_per_s += 0.1 * self.stroke_m * turning_per_s * own[2 + nominal];
+        }
+        start
+    }
+
+    /// The state that a log's start is, for a report.
+    pub fn state_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> (PhsState, f64) {
+        let chain = self.chain_at(hypothesis, z, index);
+        let start = self.start_at(hypothesis, z, index, &chain);
+        (start.state, start.drive_v)
+    }
+}
+
+/// Largest rate of a log's command that is not a step: the 99th percentile of its changes, in V/s.
+fn smooth_rate(log: &Log) -> f64 {
+    let mut changes: Vec<f64> = log.command_v.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+    if changes.is_empty() {
+        return 0.0;
+    }
+    let at = (changes.len() * 99 / 100).min(changes.len() - 1);
+    *changes.select_nth_unstable_by(at, f64::total_cmp).1 / log.dt_s
+}

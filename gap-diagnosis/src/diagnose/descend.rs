@@ -1,0 +1,186 @@
+//! The annealed descent: damped Gauss-Newton whose unit of residual falls from far above the noise to the noise itself.
+//!
+//! At the weight of white noise a log of 200,000 samples outweighs every prior, and the first steps would wander into valleys that
+//! are almost flat (a capacitance against a dead zone, the slope of a fast hysteron). Counted in a unit much larger than the noise,
+//! the priors hold the nominal numbers together until the fit is near.
+
+use super::bench::{Bench, Hypothesis, Rule};
+use super::normal::{Normal, evaluate};
+use nalgebra::{DMatrix, DVector};
+use std::sync::atomic::AtomicUsize;
+
+/// How many times the mean squared residual one sample is uncertain by, stage after stage; the last stage is at the noise itself.
+pub const STAGES: [f64; 5] = [3000.0, 300.0, 30.0, 3.0, 0.0];
+/// For a start that is near already.
+pub const LAST_STAGES: [f64; 2] = [10.0, 0.0];
+/// Relative change of the cost at which a stage is over: all but the last, and the last.
+const COARSE: f64 = 0.02;
+const FINE: f64 = 1e-4;
+/// Steps at most in a stage and in the last.
+const STEPS: usize = 2;
+const LAST_STEPS: usize = 8;
+/// Damping to begin with, and that at which a step is given up, relative to the information's diagonal.
+const DAMPING: f64 = 1e-4;
+const MOST_DAMPING: f64 = 1e3;
+
+/// Where a descent ended.
+#[derive(Clone)]
+pub struct Found {
+    /// Coordinates.
+    pub z: Vec<f64>,
+    /// Sums there, with sensitivities.
+    pub normal: Normal,
+    /// Weighted squares of the fitted rows at the noise.
+    pub data_cost: f64,
+    /// Squares of the nominal numbers' shifts in sigma.
+    pub prior_cost: f64,
+}
+
+impl Found {
+    /// Rms of the fitted rows in metres.
+    pub fn rms_m(&self) -> f64 {
+        self.normal.rms_m()
+    }
+}
+
+/// One over the variance of each log's noise.
+pub fn noise_weights(bench: &Bench<'_>) -> Vec<f64> {
+    bench.records.iter().map(|r| r.noise_m.powi(-2)).collect()
+}
+
+/// Squares of the shifts of all coordinates that have a prior; `only` the first so many.
+fn prior_cost(rules: &[Rule], z: &[f64], only: usize) -> f64 {
+    rules.iter().zip(z).take(only).map(|(rule, z)| ((z - rule.centre) / rule.sigma).powi(2)).sum()
+}
+
+/// Descends from `z` through `stages`.
+pub fn descend(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    mut z: Vec<f64>,
+    stages: &[f64],
+    simulations: &AtomicUsize,
+) -> Found {
+    let rules = bench.rules(hypothesis);
+    let noise = noise_weights(bench);
+    let mut normal = evaluate(bench, hypothesis, &z, true, simulations);
+    for (index, &softness) in stages.iter().enumerate() {
+        let last = index + 1 == stages.len();
+        let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
+        for _ in 0..steps {
+            let weights = weights(&normal, &noise, softness);
+            let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
+            let Some(next) = step(bench, hypothesis, &rules, &z, &normal, &weights, before, simulations) else { break };
+            let gained = before - next.1;
+            z = next.0;
+            normal = evaluate(bench, hypothesis, &z, true, simulations);
+            if gained <= tolerance * before.min(1e300) {
+                break;
+            }
+        }
+    }
+    Found { data_cost: normal.cost(&noise), prior_cost: prior_cost(&rules, &z, bench.free.len()), z, normal }
+}
+
+/// One over what a sample is uncertain by, squared: its log's noise or a multiple of the mean squared residual, whichever is larger.
+fn weights(normal: &Normal, noise: &[f64], softness: f64) -> Vec<f64> {
+    let (squares, rows) = normal.logs.iter().fold((0.0, 0), |(s, n), log| (s + log.squares_m2, n + log.rows));
+    let soft = softness * squares / rows.max(1) as f64;
+    noise.iter().map(|weight| 1.0 / (1.0 / weight).max(soft)).collect()
+}
+
+/// A step that lowers the cost, and the cost there; `None` if no damping finds one.
+#[allow(clippy::too_many_arguments)]
+fn step(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    rules: &[Rule],
+    z: &[f64],
+    normal: &Normal,
+    weights: &[f64],
+    before: f64,
+    simulations: &AtomicUsize,
+) -> Option<(Vec<f64>, f64)> {
+    let (mut information, mut gradient) = normal.assemble(weights);
+    for (i, rule) in rules.iter().enumerate() {
+        if rule.sigma.is_finite() {
+            information[(i, i)] += rule.sigma.powi(-2);
+            gradient[i] -= (z[i] - rule.centre) / rule.sigma.powi(2);
+        }
+    }
+    let mut damping = DAMPING;
+    while damping <= MOST_DAMPING {
+        let change = bounded_step(&information, &gradient, rules, z, damping)?;
+        let there: Vec<f64> = z.iter().zip(change.iter()).map(|(z, c)| z + c).collect();
+        let cost = evaluate(bench, hypothesis, &there, false, simulations).cost(weights)
+            + prior_cost(rules, &there, there.len());
+        if cost < before {
+            return Some((there, cost));
+        }
+        damping *= 30.0;
+    }
+    None
+}
+
+/// The damped step inside bounds and step limits: what would leave its bounds stays on them, and the rest is solved again.
+fn bounded_step(
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    rules: &[Rule],
+    z: &[f64],
+    damping: f64,
+) -> Option<DVector<f64>> {
+    let size = z.len();
+    // A coordinate that changes nothing keeps its place.
+    let mut fixed: Vec<Option<f64>> = (0..size).map(|i| (information[(i, i)] <= 0.0).then_some(0.0)).collect();
+    for _ in 0..size + 1 {
+        let free: Vec<usize> = (0..size).filter(|&i| fixed[i].is_none()).collect();
+        let mut a = DMatrix::from_fn(free.len(), free.len(), |i, j| information[(free[i], free[j])]);
+        let b = DVector::from_fn(free.len(), |i, _| {
+            let carried: f64 =
+                (0..size).filter_map(|j| fixed[j].map(|change| information[(free[i], j)] * change)).sum();
+            gradient[free[i]] - carried
+        });
+        for i in 0..free.len() {
+            a[(i, i)] *= 1.0 + damping;
+        }
+        let solved = a.cholesky()?.solve(&b);
+        let mut change = DVector::from_fn(size, |i, _| fixed[i].unwrap_or(0.0));
+        for (&i, &step) in free.iter().zip(solved.iter()) {
+            change[i] = step;
+        }
+        // Everything shrinks together to the tightest limit, so that the direction stays.
+        let shrink = free.iter().map(|&i| (rules[i].most / change[i].abs()).min(1.0)).fold(1.0, f64::min);
+        if shrink < 1.0 {
+            for &i in &free {
+                change[i] *= shrink;
+            }
+        }
+        let mut clean = true;
+        for &i in &free {
+            let [low, high] = rules[i].bounds;
+            let there = z[i] + change[i];
+            if there < low || there > high {
+                fixed[i] = Some(there.clamp(low, high) - z[i]);
+                clean = false;
+            }
+        }
+        if clean {
+            return Some(change);
+        }
+    }
+    None
+}
+
+/// Covariance of all coordinates at the noise, priors included.
+pub fn covariance(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found, weights: &[f64]) -> Option<DMatrix<f64>> {
+    let (mut information, _) = found.normal.assemble(weights);
+    for (i, rule) in bench.rules(hypothesis).iter().enumerate() {
+        if rule.sigma.is_finite() {
+            information[(i, i)] += rule.sigma.powi(-2);
+        } else if information[(i, i)] <= 0.0 {
+            information[(i, i)] = 1e12;
+        }
+    }
+    information.cholesky().map(|c| c.inverse())
+}

@@ -1,0 +1,4 @@
+//! Diagnosis.
+pub mod bench;
+pub mod descend;
+pub mod normal;
