@@ -1,71 +1,85 @@
 //! Creep: the displacement goes on after a step.
 
-use super::{About, Effect, Form, Kind, Parameter, Scales, Stage, spaced};
+use super::parts::add_hysteron;
+use super::{About, Form, Parameter, Scales, spaced};
 use crate::chain::Chain;
-use crate::phs::Hysteron;
 
-/// See [`About`].
-pub struct Creep;
+effect!(Creep, "creep", Actuator);
 
 const ABOUT: About = About {
     title: "creep",
     what: "After a step the displacement goes on for seconds, along the logarithm of time.",
-    equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; tau = R_c C_c. \
-               With a constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)).",
-    source: "Kelvin-Voigt chain: Croft, Shed, Devasia 2001; log law with g = 0.01 .. 0.02 a decade: PI catalogue",
+    equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; C_c, R_c: capacitance and resistance of an \
+               element, v_c: its voltage, q: displacement, alpha: transduction, tau = R_c C_c. \
+               With a constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade",
+    source: "logarithmic law with g = 0.01 .. 0.02 a decade: PI catalogue (piezo fundamentals, creep); \
+             chain of relaxing elements: common form, size assumed",
     typical: "1 to 5 % of the stroke over the first minutes",
     installs: "hysterons without a dead zone, time constants from 10 ms to minutes",
     signature: "the residual after each step grows with the logarithm of time and turns with the step; nothing at zero input",
-    rivals: &["sensor_drift", "thermal_gain", "extra_hysteron", "rate_dependent_hysteresis"],
+    rivals: &["extra_hysteron", "rate_dependent_hysteresis", "thermal_gain", "sensor_drift", "initial_state"],
     experiment: "a ladder with 10 s holds up and down: creep follows each step, drift does not",
     spec: "ladder:60V/4,hold=10s",
 };
 
-/// A hysteron without a dead zone that stiffens fast motion by `ratio` of the plant's stiffness and relaxes in `time_constant_s`.
+/// Elements of the logarithmic form, and the factor between their time constants.
+const ELEMENTS: i32 = 4;
+const DECADE: f64 = 10.0;
+
+fn ratio(name: &'static str) -> Parameter {
+    Parameter::amplitude(name, "", [0.0, 0.5], 0.02)
+}
+
+/// A duration within which slow elements show, at least 100 samples.
+fn longest_s(scales: &Scales<'_>) -> f64 {
+    scales.longest_s.max(100.0 * scales.sample_s)
+}
+
+/// A creep element.
 fn add(chain: &mut Chain, ratio: f64, time_constant_s: f64) {
-    let plant = &mut chain.plant;
-    let capacitance_f = plant.transduction_c_per_m.powi(2) / (plant.stiffness_n_per_m * ratio.max(1e-12));
-    plant.hysterons.push(Hysteron { capacitance_f, slope_s: capacitance_f / time_constant_s, dead_zone_v: 0.0 });
-}
-
-fn ratio() -> Parameter {
-    Parameter::amplitude("stiffness_ratio", "", [0.0, 0.5], 0.02)
-}
-
-fn time_constant(scales: &Scales<'_>) -> Parameter {
-    let longest_s = scales.longest_s.max(100.0 * scales.sample_s);
-    Parameter::shape("time_constant_s", "s", [5e-3, 100.0 * longest_s], spaced(0.02, 2.0 * longest_s, 5))
+    add_hysteron(chain, ratio, time_constant_s, 0.0);
 }
 
 const FORMS: &[Form] = &[
-    Form {
-        name: "kelvin-voigt",
-        kind: Kind::Predictable,
-        parameters: |scales| vec![ratio(), time_constant(scales)],
-        install: |chain, p| add(chain, p[0], p[1]),
-    },
-    Form {
-        name: "logarithmic",
-        kind: Kind::Predictable,
-        // Equal elements a decade apart from `time_constant_s` on are the log law between the first and the last.
-        parameters: |scales| {
-            vec![ratio(), Parameter::shape("time_constant_s", "s", [2e-3, scales.longest_s.max(0.1)], vec![0.01, 0.05])]
+    Form::predictable(
+        "kelvin-voigt",
+        |scales| {
+            let longest_s = longest_s(scales);
+            let fastest_s = 0.02f64.min(0.02 * longest_s);
+            let bounds = [0.2 * fastest_s, 100.0 * longest_s];
+            let starts = spaced(fastest_s, 2.0 * longest_s, 5);
+            vec![ratio("stiffness_ratio"), Parameter::shape("time_constant_s", "s", bounds, starts)]
         },
-        install: |chain, p| (0..4).for_each(|i| add(chain, p[0], p[1] * 10f64.powi(i))),
-    },
+        |chain, p| add(chain, p[0], p[1]),
+    ),
+    Form::predictable(
+        "chain-of-2",
+        |scales| {
+            let longest_s = longest_s(scales);
+            let fastest_s = 0.02f64.min(0.02 * longest_s);
+            let bounds = [0.2 * fastest_s, 10.0 * longest_s];
+            vec![
+                ratio("fast_stiffness_ratio"),
+                ratio("slow_stiffness_ratio"),
+                Parameter::shape("time_constant_s", "s", bounds, spaced(fastest_s, 0.2 * longest_s, 3)),
+                Parameter::shape("time_constant_ratio", "", [2.0, 1e4], vec![5.0, 30.0]),
+            ]
+        },
+        |chain, p| {
+            add(chain, p[0], p[2]);
+            add(chain, p[1], p[2] * p[3]);
+        },
+    ),
+    Form::predictable(
+        "logarithmic",
+        // Equal elements a decade apart from `time_constant_s` on are the log law between the first and the last.
+        |scales| {
+            let slowest_s = longest_s(scales).max(0.1);
+            vec![
+                ratio("stiffness_ratio"),
+                Parameter::shape("time_constant_s", "s", [2e-3, slowest_s], vec![0.01, 0.05]),
+            ]
+        },
+        |chain, p| (0..ELEMENTS).for_each(|i| add(chain, p[0], p[1] * DECADE.powi(i))),
+    ),
 ];
-
-impl Effect for Creep {
-    fn id(&self) -> &'static str {
-        "creep"
-    }
-    fn stage(&self) -> Stage {
-        Stage::Actuator
-    }
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-    fn forms(&self) -> &'static [Form] {
-        FORMS
-    }
-}

@@ -9,11 +9,94 @@
 use crate::chain::Chain;
 use crate::phs::Phs;
 
-mod creep;
-mod transport_delay;
+/// Declares the unit struct of an effect from its file's `ABOUT` and `FORMS`.
+macro_rules! effect {
+    ($name:ident, $id:literal, $stage:ident) => {
+        /// See its `About`.
+        pub struct $name;
 
-/// Every effect, in the order of the signal.
-pub const REGISTRY: &[&dyn Effect] = &[&transport_delay::TransportDelay, &creep::Creep];
+        impl $crate::effects::Effect for $name {
+            fn id(&self) -> &'static str {
+                $id
+            }
+            fn stage(&self) -> $crate::effects::Stage {
+                $crate::effects::Stage::$stage
+            }
+            fn about(&self) -> &'static $crate::effects::About {
+                &ABOUT
+            }
+            fn forms(&self) -> &'static [$crate::effects::Form] {
+                FORMS
+            }
+        }
+    };
+}
+
+mod amplifier_bandwidth;
+mod amplifier_gain;
+mod amplifier_saturation;
+mod amplifier_slew;
+mod asymmetric_hysteresis;
+mod asymmetric_stiffness;
+mod backlash;
+mod clock_error;
+mod coulomb_friction;
+mod creep;
+mod end_stop;
+mod extra_hysteron;
+mod initial_state;
+mod lost_samples;
+mod mains_hum;
+mod noise_excess;
+mod nonlinear_stiffness;
+mod parts;
+mod payload_mass;
+mod periodic_force;
+mod quantisation;
+mod rate_dependent_hysteresis;
+mod sampling_jitter;
+mod sensor_bandwidth;
+mod sensor_drift;
+mod sensor_gain;
+mod sensor_nonlinearity;
+mod sensor_offset;
+mod thermal_gain;
+mod transport_delay;
+mod vibration_mode;
+
+/// Every effect, stage by stage along the signal.
+pub const REGISTRY: &[&dyn Effect] = &[
+    &amplifier_gain::AmplifierGain,
+    &amplifier_saturation::AmplifierSaturation,
+    &amplifier_slew::AmplifierSlew,
+    &amplifier_bandwidth::AmplifierBandwidth,
+    &thermal_gain::ThermalGain,
+    &creep::Creep,
+    &extra_hysteron::ExtraHysteron,
+    &asymmetric_hysteresis::AsymmetricHysteresis,
+    &rate_dependent_hysteresis::RateDependentHysteresis,
+    &initial_state::InitialState,
+    &payload_mass::PayloadMass,
+    &vibration_mode::VibrationMode,
+    &nonlinear_stiffness::NonlinearStiffness,
+    &asymmetric_stiffness::AsymmetricStiffness,
+    &coulomb_friction::CoulombFriction,
+    &end_stop::EndStop,
+    &backlash::Backlash,
+    &sensor_bandwidth::SensorBandwidth,
+    &sensor_gain::SensorGain,
+    &sensor_nonlinearity::SensorNonlinearity,
+    &sensor_offset::SensorOffset,
+    &sensor_drift::SensorDrift,
+    &noise_excess::NoiseExcess,
+    &quantisation::Quantisation,
+    &transport_delay::TransportDelay,
+    &lost_samples::LostSamples,
+    &sampling_jitter::SamplingJitter,
+    &clock_error::ClockError,
+    &periodic_force::PeriodicForce,
+    &mains_hum::MainsHum,
+];
 
 /// The effect with this identifier.
 pub fn find(id: &str) -> Option<&'static dyn Effect> {
@@ -97,8 +180,20 @@ pub struct Form {
     pub kind: Kind,
     /// Its parameters on a plant and logs of these scales; the order is that of the values of `install`.
     pub parameters: fn(&Scales<'_>) -> Vec<Parameter>,
-    /// Puts it into a chain.
+    /// Puts it into a chain, on top of what is there. At zero amplitude the chain behaves as before, but steps through the same parts:
+    /// so a difference between amplitudes shows the effect and not another way of stepping.
     pub install: fn(&mut Chain, &[f64]),
+}
+
+impl Form {
+    /// A form that a simulation with the right numbers predicts.
+    const fn predictable(
+        name: &'static str,
+        parameters: fn(&Scales<'_>) -> Vec<Parameter>,
+        install: fn(&mut Chain, &[f64]),
+    ) -> Self {
+        Self { name, kind: Kind::Predictable, parameters, install }
+    }
 }
 
 /// How a form shows in a log.
@@ -131,6 +226,27 @@ pub struct Scales<'a> {
     pub sample_s: f64,
     /// Duration of the longest log in seconds.
     pub longest_s: f64,
+    /// Lowest and highest command of all logs, volts.
+    pub command_v: [f64; 2],
+    /// Lowest and highest displacement of all logs, metres.
+    pub displacement_m: [f64; 2],
+}
+
+impl Scales<'_> {
+    /// Force of the drive's half span, newtons.
+    pub fn force_n(&self) -> f64 {
+        self.plant.transduction_c_per_m * self.drive_v
+    }
+
+    /// The drive's rate, V/s; where it only steps, that of one slow ramp through the log.
+    pub fn usual_rate_v_per_s(&self) -> f64 {
+        self.rate_v_per_s.max(self.drive_v / self.longest_s)
+    }
+
+    /// The velocity that goes with [`Scales::usual_rate_v_per_s`], m/s.
+    pub fn speed_m_per_s(&self) -> f64 {
+        self.stroke_m * self.usual_rate_v_per_s() / self.drive_v
+    }
 }
 
 /// A number of a form.
@@ -173,6 +289,11 @@ impl Parameter {
     /// A shape that may have either sign, with values to start from.
     pub fn place(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
         Self { name, unit, bounds, role: Role::Place(starts), per_log: false }
+    }
+
+    /// An amplitude of either sign, at most `largest`.
+    pub fn signed(name: &'static str, unit: &'static str, largest: f64, typical: f64) -> Self {
+        Self::amplitude(name, unit, [-largest, largest], typical)
     }
 
     /// The same, one for every log.

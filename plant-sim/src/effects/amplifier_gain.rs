@@ -1,0 +1,25 @@
+//! Amplifier gain: the drive delivers more or less than the nominal volts.
+
+use super::{About, Form, Parameter};
+
+effect!(AmplifierGain, "amplifier_gain", Drive);
+
+const ABOUT: About = About {
+    title: "amplifier gain",
+    what: "The amplifier delivers a fixed share more or less than it should.",
+    equation: "v = (1 + g) u; u: command, v: drive, g: relative gain error",
+    source: "common form, size assumed",
+    typical: "0.5 to 5 %",
+    installs: "a factor on the drive",
+    signature: "a residual in proportion to the displacement, without lag; dead zones seem narrower or wider by the same factor",
+    rivals: &["sensor_gain", "thermal_gain"],
+    experiment: "tap the amplifier's output: command against drive shows its gain and leaves the sensor's. Without a tap, small and \
+                 large amplitudes tell a little: a drive gain moves the dead zones, a sensor gain doesn't",
+    spec: "minor-loops:60V@1Hz+minor-loops:20V@1Hz",
+};
+
+const FORMS: &[Form] = &[Form::predictable(
+    "gain",
+    |_| vec![Parameter::signed("relative_gain", "", 0.5, 0.02)],
+    |chain, p| chain.drive.gain *= 1.0 + p[0],
+)];

@@ -1,0 +1,67 @@
+//! Amplifier saturation: the drive can't leave its range.
+
+use super::parts::narrow;
+use super::{About, Form, Parameter, Scales};
+
+effect!(AmplifierSaturation, "amplifier_saturation", Drive);
+
+const ABOUT: About = About {
+    title: "amplifier saturation",
+    what: "The amplifier's output stays within a range that is narrower than the command's.",
+    equation: "v = min(max(u, L), U), or with rounded corners v = u - w ln(1 + exp((u - U)/w)) + w ln(1 + exp((L - u)/w)); \
+               u: command, v: drive, L and U: limits, w: knee",
+    source: "common form, size assumed",
+    typical: "supplies end at -20 and 150 V; the knee takes a few volts",
+    installs: "the drive's range and its knee",
+    signature: "nothing below a level of the command; above it flat tops, whatever the rate",
+    rivals: &["amplifier_slew", "nonlinear_stiffness", "end_stop", "sensor_nonlinearity"],
+    experiment: "a slow ladder to the largest command: the top levels fall together. A slew limit leaves slow levels alone, and a stop \
+                 also acts when the drive is in range",
+    spec: "ladder:60V/12,hold=0.5s",
+};
+
+/// Where limits may lie and where a search starts, in shares of the half span from its middle.
+const BOUNDS: [f64; 2] = [0.3, 1.05];
+const STARTS: [f64; 4] = [0.6, 0.75, 0.9, 0.97];
+
+/// A limit on the upper (`side` = 1) or lower (-1) side of the command.
+fn limit(name: &'static str, scales: &Scales<'_>, side: f64) -> Parameter {
+    let middle_v = 0.5 * (scales.command_v[0] + scales.command_v[1]);
+    let at = |share: f64| middle_v + side * share * scales.drive_v;
+    let mut bounds = BOUNDS.map(at);
+    bounds.sort_by(f64::total_cmp);
+    Parameter::place(name, "V", bounds, STARTS.map(at).to_vec())
+}
+
+/// A limit of the magnitude.
+fn level(scales: &Scales<'_>) -> Parameter {
+    let largest_v = scales.command_v[0].abs().max(scales.command_v[1].abs());
+    Parameter::shape("level_v", "V", BOUNDS.map(|b| b * largest_v), STARTS.map(|s| s * largest_v).to_vec())
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable(
+        "upper",
+        |scales| vec![limit("upper_v", scales, 1.0)],
+        |chain, p| narrow(&mut chain.drive.range_v, [f64::NEG_INFINITY, p[0]]),
+    ),
+    Form::predictable(
+        "lower",
+        |scales| vec![limit("lower_v", scales, -1.0)],
+        |chain, p| narrow(&mut chain.drive.range_v, [p[0], f64::INFINITY]),
+    ),
+    Form::predictable("both", |scales| vec![level(scales)], |chain, p| narrow(&mut chain.drive.range_v, [-p[0], p[0]])),
+    Form::predictable(
+        "soft",
+        |scales| {
+            let drive_v = scales.drive_v;
+            let knee =
+                Parameter::shape("knee_v", "V", [2e-3 * drive_v, 0.3 * drive_v], vec![0.02 * drive_v, 0.1 * drive_v]);
+            vec![level(scales), knee]
+        },
+        |chain, p| {
+            narrow(&mut chain.drive.range_v, [-p[0], p[0]]);
+            chain.drive.knee_v = chain.drive.knee_v.max(p[1]);
+        },
+    ),
+];

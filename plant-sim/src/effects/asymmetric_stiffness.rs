@@ -1,0 +1,39 @@
+//! Asymmetric stiffness: a spring that is stiffer in one direction.
+
+use super::{About, Form, Parameter};
+use crate::chain::Force;
+
+effect!(AsymmetricStiffness, "asymmetric_stiffness", Structure);
+
+const ABOUT: About = About {
+    title: "asymmetric stiffness",
+    what: "The structure is stiffer in one direction than in the other: a preloaded stack, a bent flexure.",
+    equation: "F = k q + k2 q^2, energy k q^2/2 + k2 q^3/3; or F = (k + ks) q for q > 0. F: force of the spring, q: displacement, k: stiffness, \
+               k2: quadratic stiffness, ks: additional stiffness on the positive side",
+    source: "common form, size assumed",
+    typical: "stiffness 1 to 10 % different at both ends",
+    installs: "an elastic force on the mass",
+    signature: "even harmonics without a loop; the resonance depends on the mean displacement",
+    rivals: &["nonlinear_stiffness", "asymmetric_hysteresis", "sensor_nonlinearity", "end_stop"],
+    experiment: "a small multisine on three mean levels: a spring moves the resonance with the level, a sensor's curvature moves only the gain",
+    spec: "multisine:5V@4-2000Hz,periods=4,for=1s+sine:60V@1Hz,for=3s+sine:60V@10Hz,for=1s",
+};
+
+const FORMS: &[Form] = &[
+    Form::predictable(
+        "quadratic",
+        |scales| {
+            let unit = scales.plant.stiffness_n_per_m / scales.stroke_m;
+            vec![Parameter::signed("quadratic_n_per_m2", "N/m^2", 0.4 * unit, 0.02 * unit)]
+        },
+        |chain, p| chain.parts.forces.push(Force::Spring { quadratic_n_per_m2: p[0], cubic_n_per_m3: 0.0 }),
+    ),
+    Form::predictable(
+        "one-sided",
+        |scales| {
+            let stiffness_n_per_m = scales.plant.stiffness_n_per_m;
+            vec![Parameter::signed("stiffness_n_per_m", "N/m", 0.5 * stiffness_n_per_m, 0.02 * stiffness_n_per_m)]
+        },
+        |chain, p| chain.parts.forces.push(Force::OneSided { stiffness_n_per_m: p[0] }),
+    ),
+];

@@ -1,0 +1,24 @@
+//! Clock error: sensor and drive don't agree on the length of a second.
+
+use super::{About, Form, Parameter};
+
+effect!(ClockError, "clock_error", Timing);
+
+const ABOUT: About = About {
+    title: "clock error",
+    what: "The sensor's clock runs faster or slower than the drive's, so readings move along the log.",
+    equation: "row k is read at k (1 + e) T; T: sample time of the drive, e: relative error of the clock",
+    source: "common form, size assumed (crystals)",
+    typical: "1 to 100 ppm",
+    installs: "a ratio of the sensor's clock",
+    signature: "a lag that grows in proportion to the time since the log's start, at every frequency",
+    rivals: &["transport_delay", "sampling_jitter"],
+    experiment: "one sine for a minute: the phase of the residual grows through the log, that of a delay stays",
+    spec: "sine:60V@50Hz,for=60s",
+};
+
+const FORMS: &[Form] = &[Form::predictable(
+    "ratio",
+    |_| vec![Parameter::signed("clock_ratio", "", 1e-2, 1e-5)],
+    |chain, p| chain.sensor.clock_ratio += p[0],
+)];

@@ -1,0 +1,63 @@
+//! End stop: something touches at the end of the travel.
+
+use super::{About, Form, Parameter, Scales};
+use crate::chain::{Chain, Force};
+
+effect!(EndStop, "end_stop", Structure);
+
+const ABOUT: About = About {
+    title: "end stop",
+    what: "Beyond some displacement the mover touches a stop that pushes back.",
+    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; F: force of the contact, kc: its stiffness, q: displacement, \
+               g: where it begins",
+    source: "common form, size assumed",
+    typical: "a tenth to several times the plant's stiffness, at the last tenth of the travel",
+    installs: "a contact force on the mass",
+    signature: "nothing below a displacement, above it less travel; fast motion rings when it touches",
+    rivals: &["amplifier_saturation", "nonlinear_stiffness", "asymmetric_stiffness"],
+    experiment: "a slow ladder to the end, then a fast sine as far: a stop acts at one displacement however it is reached, a clip at one command",
+    spec: "ladder:60V/12,hold=0.5s+sine:60V@100Hz,for=0.5s",
+};
+
+/// Where contact may begin and where a search starts, in shares of the travel on that side.
+const BOUNDS: [f64; 2] = [0.2, 1.02];
+const STARTS: [f64; 4] = [0.5, 0.7, 0.85, 0.95];
+
+/// Travel on the upper (`side` = 1) or lower (-1) side; a log that hardly goes there still gets bounds.
+fn travel_m(scales: &Scales<'_>, side: f64) -> f64 {
+    scales.displacement_m.map(|q| side * q).into_iter().fold(0.1 * scales.stroke_m, f64::max)
+}
+
+/// Place of the contact on one side and its stiffness.
+fn one(scales: &Scales<'_>, side: f64) -> Vec<Parameter> {
+    let at = |share: f64| side * share * travel_m(scales, side);
+    let mut bounds = BOUNDS.map(at);
+    bounds.sort_by(f64::total_cmp);
+    vec![Parameter::place("at_m", "m", bounds, STARTS.map(at).to_vec()), stiffness(scales)]
+}
+
+fn stiffness(scales: &Scales<'_>) -> Parameter {
+    let plant = scales.plant.stiffness_n_per_m;
+    Parameter::amplitude("stiffness_n_per_m", "N/m", [0.0, 20.0 * plant], 0.3 * plant)
+}
+
+fn stop(chain: &mut Chain, at_m: f64, stiffness_n_per_m: f64) {
+    chain.parts.forces.push(Force::Stop { at_m, stiffness_n_per_m });
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("upper", |scales| one(scales, 1.0), |chain, p| stop(chain, p[0], p[1])),
+    Form::predictable("lower", |scales| one(scales, -1.0), |chain, p| stop(chain, p[0], p[1])),
+    Form::predictable(
+        "both",
+        |scales| {
+            let travel_m = travel_m(scales, 1.0).max(travel_m(scales, -1.0));
+            let starts = STARTS.map(|share| share * travel_m).to_vec();
+            vec![Parameter::shape("at_m", "m", BOUNDS.map(|b| b * travel_m), starts), stiffness(scales)]
+        },
+        |chain, p| {
+            stop(chain, p[0], p[1]);
+            stop(chain, -p[0], p[1]);
+        },
+    ),
+];

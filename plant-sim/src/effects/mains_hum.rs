@@ -1,0 +1,39 @@
+//! Mains hum: the mains' frequency and its harmonics in the reading.
+
+use super::parts::phasor;
+use super::{About, Form, Parameter, Scales};
+use crate::chain::{Chain, Line};
+
+effect!(MainsHum, "mains_hum", Environment);
+
+const ABOUT: About = About {
+    title: "mains hum",
+    what: "The mains reach the reading, at their frequency and its harmonics.",
+    equation: "y = q + sum over h = 1, 2, 3 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, f: 50 or 60 Hz exactly, \
+               t: time since the log's start, a_h and b_h: of each log, since nothing ties their phase to the log's start",
+    source: "common form, size assumed",
+    typical: "1 to 50 nm",
+    installs: "lines of the sensor",
+    signature: "lines at multiples of exactly 50 or 60 Hz that are not tied to the drive",
+    rivals: &["periodic_force", "noise_excess"],
+    experiment: "10 s at zero input: lines at exact multiples of the mains' frequency; run the sensor from a battery to be sure",
+    spec: "zero@10s",
+};
+
+const AMPLITUDES: [[&str; 2]; 3] = [["cos_1_m", "sin_1_m"], ["cos_2_m", "sin_2_m"], ["cos_3_m", "sin_3_m"]];
+
+fn parameters(scales: &Scales<'_>) -> Vec<Parameter> {
+    AMPLITUDES.into_iter().flat_map(|names| phasor(names, "m", scales.stroke_m, 2e-4 * scales.stroke_m)).collect()
+}
+
+fn hum(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
+    for (i, amplitudes) in p.chunks_exact(2).enumerate() {
+        let hz = mains_hz * (i + 1) as f64;
+        chain.sensor.lines.push(Line { hz, cos_m: amplitudes[0], sin_m: amplitudes[1] });
+    }
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("50 Hz", parameters, |chain, p| hum(chain, 50.0, p)),
+    Form::predictable("60 Hz", parameters, |chain, p| hum(chain, 60.0, p)),
+];

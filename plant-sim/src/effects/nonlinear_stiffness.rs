@@ -1,0 +1,28 @@
+//! Nonlinear stiffness: a spring that hardens or softens alike in both directions.
+
+use super::{About, Form, Parameter};
+use crate::chain::Force;
+
+effect!(NonlinearStiffness, "nonlinear_stiffness", Structure);
+
+const ABOUT: About = About {
+    title: "nonlinear stiffness",
+    what: "The spring hardens or softens with displacement, alike in both directions.",
+    equation: "F = k q + k3 q^3, energy k q^2/2 + k3 q^4/4; F: force of the spring, q: displacement, k: stiffness, k3: cubic stiffness (Duffing)",
+    source: "common form, size assumed",
+    typical: "k3 q^2 / k = 0.1 to 5 % at full stroke",
+    installs: "an elastic force on the mass",
+    signature: "third harmonic with the cube of the amplitude and without a loop; the resonance moves with the square of the amplitude",
+    rivals: &["asymmetric_stiffness", "amplifier_saturation", "end_stop", "sensor_nonlinearity", "payload_mass"],
+    experiment: "sines at three amplitudes, slow and near the resonance: only a spring moves the resonance with the amplitude",
+    spec: "sine:15V@10Hz,for=2s+sine:30V@10Hz,for=2s+sine:60V@10Hz,for=2s+multisine:15V@4-2000Hz,periods=4",
+};
+
+const FORMS: &[Form] = &[Form::predictable(
+    "cubic",
+    |scales| {
+        let unit = scales.plant.stiffness_n_per_m / scales.stroke_m.powi(2);
+        vec![Parameter::signed("cubic_n_per_m3", "N/m^3", 0.5 * unit, 0.02 * unit)]
+    },
+    |chain, p| chain.parts.forces.push(Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: p[0] }),
+)];

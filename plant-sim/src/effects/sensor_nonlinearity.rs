@@ -1,0 +1,45 @@
+//! Sensor nonlinearity: the reading is a curve of the displacement.
+
+use super::{About, Form, Parameter, Scales};
+use crate::chain::Chain;
+
+effect!(SensorNonlinearity, "sensor_nonlinearity", Sensor);
+
+const ABOUT: About = About {
+    title: "sensor nonlinearity",
+    what: "The reading is a slightly bent function of the displacement, the same at every rate.",
+    equation: "y = q + c2 q^2 + c3 q^3; q: displacement, y: reading, c2 and c3: coefficients",
+    source: "PI E-727 manual (the controller corrects a sensor polynomial up to the fourth order); size assumed",
+    typical: "0.01 to 1 % of the stroke",
+    installs: "a polynomial of the sensor",
+    signature: "harmonics without a loop: the residual is one curve over the displacement, at every rate",
+    rivals: &[
+        "sensor_gain",
+        "nonlinear_stiffness",
+        "asymmetric_stiffness",
+        "asymmetric_hysteresis",
+        "amplifier_saturation",
+    ],
+    experiment: "slow and fast sines of the same displacement: the curve stays, a spring's changes near the resonance and a clip goes with the command",
+    spec: "sine:60V@1Hz,for=3s+sine:30V@1Hz,for=3s+sine:30V@100Hz,for=1s",
+};
+
+fn quadratic(scales: &Scales<'_>) -> Parameter {
+    Parameter::signed("quadratic_per_m", "1/m", 0.3 / scales.stroke_m, 2e-3 / scales.stroke_m)
+}
+
+fn cubic(scales: &Scales<'_>) -> Parameter {
+    let stroke_m2 = scales.stroke_m.powi(2);
+    Parameter::signed("cubic_per_m2", "1/m^2", 0.3 / stroke_m2, 2e-3 / stroke_m2)
+}
+
+fn curve(chain: &mut Chain, quadratic_per_m: f64, cubic_per_m2: f64) {
+    chain.sensor.quadratic_per_m += quadratic_per_m;
+    chain.sensor.cubic_per_m2 += cubic_per_m2;
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| curve(chain, p[0], 0.0)),
+    Form::predictable("cubic", |scales| vec![cubic(scales)], |chain, p| curve(chain, 0.0, p[0])),
+    Form::predictable("both", |scales| vec![quadratic(scales), cubic(scales)], |chain, p| curve(chain, p[0], p[1])),
+];

@@ -1,0 +1,24 @@
+//! Sensor offset: the reading at zero displacement is not zero.
+
+use super::{About, Form, Parameter};
+
+effect!(SensorOffset, "sensor_offset", Sensor);
+
+const ABOUT: About = About {
+    title: "sensor offset",
+    what: "The reading is shifted by a constant, the same in every log.",
+    equation: "y = q + o; q: displacement, y: reading, o: offset",
+    source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by tdehaeze's notes",
+    typical: "0.1 to 1 % of the range",
+    installs: "an offset of the sensor",
+    signature: "a residual that is constant through every log and the same in all of them",
+    rivals: &["sensor_drift", "initial_state"],
+    experiment: "several logs from different pasts: an offset is the same in all, a hysteretic rest position isn't",
+    spec: "minor-loops:60V@2Hz+zero@2s+ladder:-60V/2,hold=1s+zero@2s",
+};
+
+const FORMS: &[Form] = &[Form::predictable(
+    "constant",
+    |scales| vec![Parameter::signed("offset_m", "m", scales.stroke_m, 0.01 * scales.stroke_m)],
+    |chain, p| chain.sensor.offset_m += p[0],
+)];

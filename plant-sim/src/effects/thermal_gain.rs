@@ -1,0 +1,50 @@
+//! Thermal gain: the actuator's gain changes as it warms.
+
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::{Chain, Heat, Warming};
+
+effect!(ThermalGain, "thermal_gain", Actuator);
+
+const ABOUT: About = About {
+    title: "thermal gain",
+    what: "The gain drifts as the ceramic warms, by itself after it was switched on or by the losses of the drive.",
+    equation: "y = y0 (1 + a theta), tau theta' = P - theta; a: relative change at theta = 1, tau: thermal time constant, P: heat, which \
+               is 1 (time), (v / 60 V)^2 (drive) or (v' / 1e4 V/s)^2 (rate: dielectric loss f C V^2 tan delta), v: drive",
+    source: "common form, size assumed",
+    typical: "1 to 10 % at high frequency, over seconds to minutes",
+    installs: "a gain of the drive that follows the heat with a lag",
+    signature: "the amplitude of the residual grows through the log, in proportion to the displacement; the zero stays",
+    rivals: &["amplifier_gain", "creep", "sensor_drift"],
+    experiment: "the same sine before and after a fast one, with a pause: warming keeps the gain changed and decays in the pause",
+    spec: "sine:30V@10Hz,for=5s+sine:30V@150Hz,for=30s+sine:30V@10Hz,for=20s",
+};
+
+/// References of the two heats that the drive makes. Fixed, so that a coefficient means the same on every rig.
+const REFERENCE_V: f64 = 60.0;
+const REFERENCE_V_PER_S: f64 = 1e4;
+
+/// A coefficient for a heat whose largest value is `heat`, and the time constant.
+fn parameters(scales: &Scales<'_>, heat: f64) -> Vec<Parameter> {
+    let longest_s = scales.longest_s;
+    let coefficient = Parameter::signed("coefficient", "", 0.5 / heat, 0.02 / heat);
+    let bounds = [0.02 * longest_s, 20.0 * longest_s];
+    vec![coefficient, Parameter::shape("time_constant_s", "s", bounds, spaced(0.05 * longest_s, 5.0 * longest_s, 4))]
+}
+
+fn warm(chain: &mut Chain, p: &[f64], heat: Heat) {
+    chain.drive.warming = Some(Warming { coefficient: p[0], time_constant_s: p[1], heat });
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("time", |scales| parameters(scales, 1.0), |chain, p| warm(chain, p, Heat::Time)),
+    Form::predictable(
+        "drive",
+        |scales| parameters(scales, (scales.drive_v / REFERENCE_V).powi(2)),
+        |chain, p| warm(chain, p, Heat::Drive { volts: REFERENCE_V }),
+    ),
+    Form::predictable(
+        "rate",
+        |scales| parameters(scales, (scales.usual_rate_v_per_s() / REFERENCE_V_PER_S).powi(2)),
+        |chain, p| warm(chain, p, Heat::Rate { volts_per_s: REFERENCE_V_PER_S }),
+    ),
+];

@@ -1,0 +1,65 @@
+//! Vibration mode: a resonance that the nominal plant lacks.
+
+use super::parts::TINY;
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::{Joint, Mode};
+
+effect!(VibrationMode, "vibration_mode", Structure);
+
+const ABOUT: About = About {
+    title: "vibration mode",
+    what: "Another part of the structure swings at a frequency of its own.",
+    equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c w^2 F / (s^2 + 2 z w s + w^2). \
+               m, x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: natural frequency, \
+               z: damping ratio, c: static compliance, F: drive force, s: Laplace's variable",
+    source: "that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form common, size assumed",
+    typical: "1 to 30 % of the main resonance's height, damping ratio 0.002 to 0.03",
+    installs: "an oscillator, fixed to the moving mass or beside it",
+    signature: "one narrow band of frequencies, at every amplitude; a ringing after each step at a frequency that isn't the plant's",
+    rivals: &["payload_mass", "periodic_force"],
+    experiment: "a multisine with fine lines: the mode is a narrow peak and dip that scales with the drive; a periodic force is there without it",
+    spec: "zero@2s+multisine:15V@1-2000Hz,periods=4",
+};
+
+/// Frequencies from which a search starts: enough that one lies within the width of a resonance with a damping ratio of a few per cent.
+const N_STARTS: usize = 60;
+
+/// Natural frequency and damping ratio.
+fn resonance(scales: &Scales<'_>) -> [Parameter; 2] {
+    let bounds = [0.2 / scales.longest_s, 0.45 / scales.sample_s];
+    let highest_hz = 0.4 / scales.sample_s;
+    let lowest_hz = 100f64.min(0.05 * highest_hz).max(bounds[0]);
+    [
+        Parameter::shape("natural_hz", "Hz", bounds, spaced(lowest_hz, highest_hz, N_STARTS)),
+        Parameter::shape("damping_ratio", "", [0.002, 0.3], vec![0.02]),
+    ]
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable(
+        "attached",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            vec![Parameter::amplitude("mass_ratio", "", [0.0, 0.5], 0.01), hz, damping_ratio]
+        },
+        |chain, p| {
+            let mass_kg = chain.plant.mass_kg * p[0].max(TINY);
+            chain.parts.modes.push(Mode { joint: Joint::Attached { mass_kg }, hz: p[1], damping_ratio: p[2] });
+        },
+    ),
+    Form::predictable(
+        "parallel",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            vec![Parameter::signed("compliance_ratio", "", 0.3, 0.01), hz, damping_ratio]
+        },
+        |chain, p| {
+            let compliance_m_per_n = p[0] / chain.plant.stiffness_n_per_m;
+            chain.parts.modes.push(Mode {
+                joint: Joint::Parallel { compliance_m_per_n },
+                hz: p[1],
+                damping_ratio: p[2],
+            });
+        },
+    ),
+];
