@@ -12,7 +12,7 @@ use plant_sim::replay::Start;
 /// Relative standard deviation of a nominal number whose source gives none.
 const SIGMA: f64 = 0.02;
 /// Farthest that a nominal number may move, as a natural logarithm.
-const BOUND: f64 = 0.75;
+const BOUND: f64 = 1.5;
 /// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
 const LOG_STEP: f64 = 0.7;
 const FREQUENCY_STEP: f64 = 0.04;
@@ -256,7 +256,15 @@ impl<'a> Bench<'a> {
     /// Sizes for the registry.
     pub fn scales(&self) -> Scales<'_> {
         let longest = |of: &dyn Fn(&Log) -> f64| self.records.iter().map(|r| of(r.log)).fold(0.0, f64::max);
+        let range = |of: &dyn Fn(&Log) -> [f64; 2]| {
+            self.records
+                .iter()
+                .map(|r| of(r.log))
+                .fold([0.0f64, 0.0f64], |all, one| [all[0].min(one[0]), all[1].max(one[1])])
+        };
         Scales {
+            command_v: range(&|log| extremes(&log.command_v)),
+            displacement_m: range(&|log| extremes(&log.displacement_m)),
             plant: &self.chain.plant,
             stroke_m: self.stroke_m,
             drive_v: self.drive_v,
@@ -277,7 +285,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Coordinates of a log's start.
-    fn start_count(&self, freedom: Freedom) -> usize {
+    pub(super) fn start_count(&self, freedom: Freedom) -> usize {
         match freedom {
             Freedom::Relaxed => 0,
             Freedom::Rest => 1 + self.hysterons(),
@@ -440,4 +448,9 @@ fn smooth_rate(log: &Log) -> f64 {
     }
     let at = (changes.len() * 99 / 100).min(changes.len() - 1);
     *changes.select_nth_unstable_by(at, f64::total_cmp).1 / log.dt_s
+}
+
+/// Smallest and largest of `values`.
+pub(super) fn extremes(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)])
 }

@@ -122,7 +122,7 @@ fn step(
     None
 }
 
-/// The damped step inside bounds and step limits: what would leave its bounds stays on them, and the rest is solved again.
+/// The damped step inside bounds and step limits: what would go farther goes as far as it may, and the rest is solved again.
 fn bounded_step(
     information: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -149,19 +149,12 @@ fn bounded_step(
         for (&i, &step) in free.iter().zip(solved.iter()) {
             change[i] = step;
         }
-        // Everything shrinks together to the tightest limit, so that the direction stays.
-        let shrink = free.iter().map(|&i| (rules[i].most / change[i].abs()).min(1.0)).fold(1.0, f64::min);
-        if shrink < 1.0 {
-            for &i in &free {
-                change[i] *= shrink;
-            }
-        }
         let mut clean = true;
         for &i in &free {
-            let [low, high] = rules[i].bounds;
-            let there = z[i] + change[i];
-            if there < low || there > high {
-                fixed[i] = Some(there.clamp(low, high) - z[i]);
+            let Rule { bounds: [low, high], most, .. } = rules[i];
+            let allowed = (low - z[i]).max(-most)..=(high - z[i]).min(most);
+            if !allowed.contains(&change[i]) {
+                fixed[i] = Some(change[i].max(*allowed.start()).min(*allowed.end()));
                 clean = false;
             }
         }

@@ -1,0 +1,94 @@
+//! Lines in residuals: frequencies at which all logs together hold more power than their neighbourhood, drive or no drive.
+
+use super::bench::Bench;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+/// Zero-padding, so that a line between two bins is not missed.
+const PADDING: usize = 2;
+/// A line stands this far above the median power of its neighbourhood.
+const PROMINENCE: f64 = 12.0;
+/// Neighbourhood in bins to each side.
+const NEIGHBOURS: usize = 60;
+/// Most lines that are reported.
+const MOST: usize = 6;
+/// Frequencies of the common axis.
+const BINS: usize = 1 << 15;
+
+/// Frequencies in Hz, strongest first. `residuals_m` has one residual for each log.
+pub fn lines(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
+    let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
+    let mut total = vec![0.0; BINS];
+    let mut planner = FftPlanner::new();
+    for (record, residual_m) in bench.records.iter().zip(residuals_m) {
+        let n = residual_m.len();
+        let size = (PADDING * n).next_power_of_two();
+        let mean = residual_m.iter().sum::<f64>() / n.max(1) as f64;
+        let mut buffer: Vec<Complex<f64>> = residual_m
+            .iter()
+            .enumerate()
+            .map(|(k, r)| {
+                let hann = 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / n as f64).cos();
+                Complex::new((r - mean) * hann / record.noise_m, 0.0)
+            })
+            .collect();
+        buffer.resize(size, Complex::new(0.0, 0.0));
+        planner.plan_fft_forward(size).process(&mut buffer);
+        let per_bin = 1.0 / (size as f64 * record.log.dt_s);
+        for (bin, sum) in total.iter_mut().enumerate() {
+            let hz = highest_hz * bin as f64 / BINS as f64;
+            let at = (hz / per_bin) as usize;
+            let upto = (highest_hz * (bin + 1) as f64 / BINS as f64 / per_bin) as usize;
+            let powers = buffer[at..(upto + 1).max(at + 1).min(size / 2)].iter().map(|c| c.norm_sqr());
+            *sum += powers.fold(0.0, f64::max) / n as f64;
+        }
+    }
+    let mut peaks: Vec<(f64, f64)> = Vec::new();
+    for bin in 2..BINS - 2 {
+        let around = &total[bin.saturating_sub(NEIGHBOURS)..(bin + NEIGHBOURS).min(BINS)];
+        let here = total[bin];
+        if total[bin - 2..=bin + 2].iter().any(|other| *other > here) {
+            continue;
+        }
+        let mut sorted = around.to_vec();
+        let middle = sorted.len() / 2;
+        let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if here > PROMINENCE * median {
+            peaks.push((here, highest_hz * (bin as f64 + 0.5) / BINS as f64));
+        }
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let width_hz = highest_hz / BINS as f64;
+    peaks.into_iter().take(MOST).map(|(_, hz)| sharpened(bench, residuals_m, hz, width_hz)).collect()
+}
+
+/// The frequency near `hz` at which all logs together have most power: a line of several seconds is much narrower than a bin.
+fn sharpened(bench: &Bench<'_>, residuals_m: &[Vec<f64>], hz: f64, width_hz: f64) -> f64 {
+    let power = |hz: f64| -> f64 {
+        let of_log = |(record, residual_m): (&super::bench::Record<'_>, &Vec<f64>)| {
+            let turn = Complex::from_polar(1.0, -std::f64::consts::TAU * hz * record.log.dt_s);
+            let mut phase = Complex::new(1.0, 0.0);
+            let mut sum = Complex::new(0.0, 0.0);
+            for r in residual_m {
+                sum += phase * r;
+                phase *= turn;
+            }
+            sum.norm_sqr() / (residual_m.len() as f64 * record.noise_m * record.noise_m)
+        };
+        bench.records.iter().zip(residuals_m).map(of_log).sum()
+    };
+    let mut best = (power(hz), hz);
+    let mut reach_hz = width_hz;
+    for _ in 0..3 {
+        let centre_hz = best.1;
+        for step in -8..=8 {
+            let there_hz = centre_hz + reach_hz * f64::from(step) / 8.0;
+            let there = (power(there_hz), there_hz);
+            if there.0 > best.0 {
+                best = there;
+            }
+        }
+        reach_hz /= 8.0;
+    }
+    best.1
+}

@@ -1,0 +1,96 @@
+//! What a log says before anything is fitted: its noise, the lattice of its converter, and the drive before its first row.
+
+use super::bench::{HeldOut, Record, extremes};
+use crate::residual::noise_rms;
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+
+/// Floor of the noise in metres: a noise-free simulation still has rounding.
+const LEAST_NOISE_M: f64 = 1e-12;
+/// Stretches into which a log is cut where no log is held out.
+const STRETCHES: usize = 40;
+/// A first displacement this close to what zero volts or the first command would hold says that it was held, in shares of the span.
+const NEAR: f64 = 0.05;
+/// Uncertainty of a drive before the log that was recognised, and of one that was not, in shares of the span.
+const RECOGNISED: f64 = 0.005;
+const UNKNOWN: f64 = 1.0;
+/// Values of a lattice may lie this far off it, in steps.
+const OFF_LATTICE: f64 = 0.02;
+/// Distinct values that a lattice needs.
+const LEAST_DISTINCT: usize = 4;
+
+/// The record of `log`.
+pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>, held_out: bool) -> Record<'a> {
+    let run_in_s = run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
+    let run_in = ((run_in_s / log.dt_s).round().max(0.0) as usize).min(log.len());
+    let lattice_m = lattice(&log.displacement_m[run_in..]).unwrap_or(0.0);
+    let smooth_m = noise_rms(&log.displacement_m[run_in..]);
+    // A lattice coarser than the noise hides it from differences; its own rounding is noise enough.
+    let noise_m = if lattice_m > smooth_m { smooth_m.max(lattice_m / 12f64.sqrt()) } else { smooth_m };
+    Record {
+        log,
+        run_in,
+        noise_m: noise_m.max(LEAST_NOISE_M),
+        lattice_m: if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 },
+        before_v: before(log, chain),
+        held_out: if held_out { HeldOut::Everything } else { HeldOut::Stretches((log.len() / STRETCHES).max(16)) },
+        monitor_v: log.drive_v.as_ref().map(|drive_v| noise_rms(drive_v).max(1e-9)),
+    }
+}
+
+/// Drive held before the first row and its uncertainty, from the first displacement.
+fn before(log: &Log, chain: &Chain) -> [f64; 2] {
+    let [low, high] = extremes(&log.command_v);
+    let span_v = (high.max(0.0) - low.min(0.0)).max(1e-9);
+    let rows = log.len().min(3);
+    let first_m = log.displacement_m[..rows].iter().sum::<f64>() / rows as f64;
+    let looks_v = (first_m - chain.sensor.offset_m) / chain.plant.static_gain_m_per_v();
+    for known_v in [0.0, log.command_v[0]] {
+        if (looks_v - known_v).abs() < NEAR * span_v {
+            return [known_v, RECOGNISED * span_v];
+        }
+    }
+    [looks_v.clamp(low.min(0.0) - span_v, high.max(0.0) + span_v), UNKNOWN * span_v]
+}
+
+/// Step of the lattice on which all values lie, if they do.
+pub fn lattice(values: &[f64]) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let scale = sorted.first()?.abs().max(sorted.last()?.abs());
+    // Printed digits are a lattice of their own; what differs by less than a part in 1e9 is one value.
+    let mut distinct = vec![sorted[0]];
+    for &value in &sorted {
+        if value - distinct[distinct.len() - 1] > 1e-9 * scale {
+            distinct.push(value);
+        }
+    }
+    if distinct.len() < LEAST_DISTINCT || distinct.len() * 3 > values.len() {
+        return None;
+    }
+    let step = distinct.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    // The least distance is the step to the last printed digit; all distances together sharpen it.
+    let count = |step: f64| distinct.windows(2).map(|pair| ((pair[1] - pair[0]) / step).round()).sum::<f64>();
+    let step = (distinct[distinct.len() - 1] - distinct[0]) / count(step);
+    let on = |value: &&f64| {
+        let steps = (**value - distinct[0]) / step;
+        (steps - steps.round()).abs() < OFF_LATTICE.max(1e-9 * scale / step)
+    };
+    (distinct.iter().filter(on).count() as f64 > 0.98 * distinct.len() as f64).then_some(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lattice;
+
+    #[test]
+    fn a_lattice_is_found_and_nothing_else_is() {
+        let smooth: Vec<f64> = (0..5000).map(|k| 40e-6 * (f64::from(k) * 0.01).sin()).collect();
+        assert_eq!(lattice(&smooth), None);
+        let step = 63e-9;
+        // As it is read from a file that prints six decimals of a micrometre.
+        let rounded: Vec<f64> = smooth.iter().map(|y| ((y / step).round() * step * 1e12).round() / 1e12).collect();
+        let found = lattice(&rounded).expect("found");
+        assert!((found / step - 1.0).abs() < 1e-3, "{found:e}");
+    }
+}

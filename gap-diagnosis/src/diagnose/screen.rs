@@ -1,0 +1,317 @@
+//! Screening: how much of the residual each form could explain, by a score test.
+//!
+//! A form's direction is the difference that it makes to the prediction at a start value of its shape; what the nominal numbers,
+//! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
+//! costs one simulation for each direction.
+
+use super::bench::{Bench, Hypothesis};
+use super::descend::{Found, noise_weights};
+use super::normal::{reader, residual_m};
+use nalgebra::{DMatrix, DVector};
+use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
+use plant_sim::replay::Reader;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Rows that all directions run ahead before their products are added up.
+const CHUNK: usize = 2048;
+/// Largest amplitude that a lead may start a fit from, in typical sizes: beyond, the linear estimate means nothing.
+const MOST: f64 = 30.0;
+/// Least amplitude a fit starts from, in typical sizes: at zero an effect has no gradient for its shape.
+const LEAST: f64 = 0.02;
+
+/// A form at a start value, and what it could explain.
+#[derive(Clone)]
+pub struct Lead {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// The form.
+    pub form: &'static Form,
+    /// Values of the parameters from which a fit may start.
+    pub values: Vec<f64>,
+    /// Chi-square that it takes from the residual, at the noise.
+    pub gain: f64,
+    /// The same as a share of the residual's chi-square beyond the noise.
+    pub share: f64,
+}
+
+/// One combination of shapes of one form: its columns are its amplitudes, or the form itself if it has none.
+struct Block {
+    effect: &'static dyn Effect,
+    form: &'static Form,
+    /// Start values; amplitudes at their typical sizes.
+    values: Vec<f64>,
+    /// Indices of the amplitudes among the values; empty for a form without one.
+    amplitudes: Vec<usize>,
+    per_log: bool,
+    hypothesis: Hypothesis,
+}
+
+impl Block {
+    fn columns(&self) -> usize {
+        self.amplitudes.len().max(1)
+    }
+
+    /// Values for column `column`: its own amplitude at its typical size, the others at nothing.
+    fn values_of(&self, column: usize) -> Vec<f64> {
+        let mut values = self.values.clone();
+        for (i, &at) in self.amplitudes.iter().enumerate() {
+            if i != column {
+                values[at] = 0.0;
+            }
+        }
+        values
+    }
+}
+
+/// Leads of all forms, the best of each form, most promising first.
+///
+/// `line_hz` are frequencies at which the residual has lines: a form whose frequency is free starts there.
+pub fn screen(
+    bench: &Bench<'_>,
+    base: &Hypothesis,
+    found: &Found,
+    line_hz: &[f64],
+    without: &[&str],
+    simulations: &AtomicUsize,
+) -> Vec<Lead> {
+    let blocks = blocks(bench, base, line_hz, without);
+    let rules = bench.rules(base);
+    let weights = noise_weights(bench);
+    let size = found.z.len();
+    let offsets: Vec<usize> = blocks
+        .iter()
+        .scan(0, |at, block| {
+            let here = *at;
+            *at += block.columns();
+            Some(here)
+        })
+        .collect();
+    let total: usize = blocks.iter().map(Block::columns).sum();
+
+    // Nuisance information over all coordinates, and for every log: its cross products with the columns, the columns' own products
+    // (block by block) and their products with the residual.
+    let mut information = DMatrix::<f64>::zeros(size, size);
+    let mut gradient = DVector::<f64>::zeros(size);
+    let mut crosses = Vec::new();
+    let mut own = Vec::new();
+    let mut with_residual = Vec::new();
+    for (index, record) in bench.records.iter().enumerate() {
+        let places: Vec<usize> = (0..bench.shared(base))
+            .chain(bench.own_start(base, index)..bench.own_start(base, index) + bench.own(base))
+            .collect();
+        let mut unmoved = reader(bench, base, &found.z, index);
+        let mut nuisance: Vec<(Reader<'_>, f64)> = places
+            .iter()
+            .map(|&place| {
+                let rule = &rules[place];
+                let step = if found.z[place] + rule.step > rule.bounds[1] { -rule.step } else { rule.step };
+                let mut there = found.z.clone();
+                there[place] += step;
+                (reader(bench, base, &there, index), step)
+            })
+            .collect();
+        let mut directions: Vec<Reader<'_>> = blocks
+            .iter()
+            .flat_map(|block| (0..block.columns()).map(move |column| (block, column)))
+            .map(|(block, column)| {
+                let mut z = bench.origin(&block.hypothesis, &nested(block, base, &found.z, bench, index, column));
+                copy_base(bench, base, &block.hypothesis, &found.z, &mut z);
+                reader(bench, &block.hypothesis, &z, index)
+            })
+            .collect();
+        simulations.fetch_add(1 + nuisance.len() + directions.len(), Ordering::Relaxed);
+        let mut cross = DMatrix::<f64>::zeros(places.len(), total);
+        let mut log_information = DMatrix::<f64>::zeros(places.len(), places.len());
+        let mut log_gradient = DVector::<f64>::zeros(places.len());
+        let mut products: Vec<DMatrix<f64>> =
+            blocks.iter().map(|block| DMatrix::zeros(block.columns(), block.columns())).collect();
+        let mut towards = DVector::<f64>::zeros(total);
+        let n = record.log.len();
+        for from in (0..n).step_by(CHUNK) {
+            let rows = CHUNK.min(n - from);
+            let predicted: Vec<f64> = (0..rows).map(|_| unmoved.next_m()).collect();
+            let fitted: Vec<usize> =
+                (0..rows).filter(|k| from + k >= record.run_in && !record.held_out.holds(from + k)).collect();
+            let pick = |column: Vec<f64>| -> Vec<f64> { fitted.iter().map(|&k| column[k]).collect() };
+            let residual = DVector::from_iterator(
+                fitted.len(),
+                fitted.iter().map(|&k| residual_m(record, record.log.displacement_m[from + k], predicted[k])),
+            );
+            let sensitivities: Vec<Vec<f64>> = nuisance
+                .par_iter_mut()
+                .map(|(reader, step)| pick(predicted.iter().map(|p| (reader.next_m() - p) / *step).collect()))
+                .collect();
+            let columns: Vec<Vec<f64>> = directions
+                .par_iter_mut()
+                .map(|reader| pick(predicted.iter().map(|p| reader.next_m() - p).collect()))
+                .collect();
+            if fitted.is_empty() {
+                continue;
+            }
+            let sensitivities = DMatrix::from_vec(fitted.len(), places.len(), sensitivities.concat());
+            let columns = DMatrix::from_vec(fitted.len(), total, columns.concat());
+            log_information.gemm_tr(1.0, &sensitivities, &sensitivities, 1.0);
+            log_gradient.gemv_tr(1.0, &sensitivities, &residual, 1.0);
+            cross.gemm_tr(1.0, &sensitivities, &columns, 1.0);
+            towards.gemv_tr(1.0, &columns, &residual, 1.0);
+            for ((block, &at), products) in blocks.iter().zip(&offsets).zip(&mut products) {
+                let own = columns.columns(at, block.columns());
+                products.gemm_tr(1.0, &own, &own, 1.0);
+            }
+        }
+        let weight = weights[index];
+        for (i, &to) in places.iter().enumerate() {
+            gradient[to] += weight * log_gradient[i];
+            for (j, &also) in places.iter().enumerate() {
+                information[(to, also)] += weight * log_information[(i, j)];
+            }
+        }
+        let mut placed = DMatrix::zeros(size, total);
+        for (i, &to) in places.iter().enumerate() {
+            for column in 0..total {
+                placed[(to, column)] = weight * cross[(i, column)];
+            }
+        }
+        crosses.push(placed);
+        own.push(products.into_iter().map(|p| p * weight).collect::<Vec<_>>());
+        with_residual.push(towards * weight);
+    }
+    for (i, rule) in rules.iter().enumerate() {
+        if rule.sigma.is_finite() {
+            information[(i, i)] += rule.sigma.powi(-2);
+            gradient[i] -= (found.z[i] - rule.centre) / rule.sigma.powi(2);
+        } else if information[(i, i)] <= 0.0 {
+            information[(i, i)] = 1.0;
+        }
+    }
+    let Some(nuisance) = information.cholesky() else { return Vec::new() };
+    let settled = nuisance.solve(&gradient);
+
+    let rows: usize = found.normal.logs.iter().map(|log| log.rows).sum();
+    let excess = (found.normal.cost(&weights) - rows as f64).max(1.0);
+    let mut best: BTreeMap<(&str, &str), Lead> = BTreeMap::new();
+    for (number, (block, &at)) in blocks.iter().zip(&offsets).enumerate() {
+        let count = block.columns();
+        let logs = bench.records.len();
+        // Columns that belong to a log are columns of their own for every log; the rest are summed over the logs.
+        let wide = if block.per_log { count * logs } else { count };
+        let mut cross = DMatrix::zeros(size, wide);
+        let mut products = DMatrix::zeros(wide, wide);
+        let mut towards = DVector::zeros(wide);
+        for log in 0..logs {
+            let to = if block.per_log { log * count } else { 0 };
+            let mut part = cross.columns_mut(to, count);
+            part += crosses[log].columns(at, count);
+            let mut part = products.view_mut((to, to), (count, count));
+            part += &own[log][number];
+            let mut part = towards.rows_mut(to, count);
+            part += with_residual[log].rows(at, count);
+        }
+        let raw: Vec<f64> = (0..wide).map(|i| products[(i, i)]).collect();
+        products -= cross.tr_mul(&nuisance.solve(&cross));
+        towards -= cross.tr_mul(&settled);
+        for i in 0..wide {
+            // What the nuisances imitate to rounding can't be told from them.
+            products[(i, i)] += 1e-9 * raw[i] + 1e-300;
+        }
+        let Some((amplitudes, gain)) = solve(block, products, towards) else { continue };
+        let mut values = block.values.clone();
+        for (i, &place) in block.amplitudes.iter().enumerate() {
+            // A fit starts every log alike; per-log amplitudes settle in its first step.
+            let of_logs: Vec<f64> = (0..wide / count).map(|log| amplitudes[log * count + i]).collect();
+            let mean = of_logs.iter().sum::<f64>() / of_logs.len() as f64;
+            let size = if mean == 0.0 { LEAST } else { mean.abs().clamp(LEAST, MOST).copysign(mean) };
+            values[place] *= size;
+        }
+        let lead = Lead { effect: block.effect, form: block.form, values, gain, share: gain / excess };
+        let slot = best.entry((block.effect.id(), block.form.name)).or_insert_with(|| lead.clone());
+        if lead.gain > slot.gain {
+            *slot = lead;
+        }
+    }
+    let mut leads: Vec<Lead> = best.into_values().collect();
+    leads.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    leads
+}
+
+/// Amplitudes and the chi-square they take; those of one sign only are held to it.
+fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option<(DVector<f64>, f64)> {
+    let gain = |a: &DVector<f64>| 2.0 * a.dot(&towards) - a.dot(&(&products * a));
+    let single = products.nrows() == 1;
+    let mut amplitudes = products.clone().cholesky()?.solve(&towards);
+    if block.amplitudes.is_empty() {
+        amplitudes[0] = amplitudes[0].clamp(0.0, 1.0);
+    } else if single {
+        let one_sided = block.hypothesis.installed.last().is_some_and(|installed| {
+            let axis = &installed.axes[block.amplitudes[0]];
+            axis.parameter.bounds[0] >= 0.0
+        });
+        if one_sided {
+            amplitudes[0] = amplitudes[0].max(0.0);
+        }
+    }
+    let gain = gain(&amplitudes);
+    gain.is_finite().then_some((amplitudes, gain.max(0.0)))
+}
+
+fn blocks(bench: &Bench<'_>, base: &Hypothesis, line_hz: &[f64], without: &[&str]) -> Vec<Block> {
+    let scales = bench.scales();
+    let mut blocks = Vec::new();
+    let taken = base.ids();
+    for &effect in REGISTRY.iter().filter(|e| !taken.contains(&e.id()) && !without.contains(&e.id())) {
+        for form in effect.forms().iter().filter(|form| form.kind == Kind::Predictable) {
+            let hypothesis = base.with(effect, form, &scales);
+            let Some(installed) = hypothesis.installed.last() else { continue };
+            let parameters: Vec<_> = installed.axes.iter().map(|axis| &axis.parameter).collect();
+            let amplitudes: Vec<usize> = (0..parameters.len()).filter(|&i| installed.axes[i].is_amplitude()).collect();
+            let per_log = amplitudes.iter().any(|&i| parameters[i].per_log);
+            let starts: Vec<Vec<f64>> = installed
+                .axes
+                .iter()
+                .map(|axis| {
+                    let is_line = axis.parameter.name == "line_hz";
+                    let [low, high] = axis.parameter.bounds;
+                    let lines: Vec<f64> = line_hz.iter().copied().filter(|hz| (low..=high).contains(hz)).collect();
+                    if is_line { lines } else { axis.starts() }
+                })
+                .collect();
+            let mut grid = vec![Vec::new()];
+            for starts in starts {
+                grid = grid
+                    .into_iter()
+                    .flat_map(|left: Vec<f64>| starts.iter().map(move |s| left.iter().copied().chain([*s]).collect()))
+                    .collect();
+            }
+            for values in grid {
+                let (amplitudes, hypothesis) = (amplitudes.clone(), hypothesis.clone());
+                blocks.push(Block { effect, form, values, amplitudes, per_log, hypothesis });
+            }
+        }
+    }
+    blocks
+}
+
+/// Values for the hypothesis of a block: those found for the base, and the block's own.
+fn nested(block: &Block, base: &Hypothesis, z: &[f64], bench: &Bench<'_>, log: usize, column: usize) -> Vec<Vec<f64>> {
+    let mut values = bench.values(base, z, log);
+    values.push(block.values_of(column));
+    values
+}
+
+/// Copies what `base` has found, nominal numbers and starts, into the coordinates of a hypothesis that extends it.
+pub(super) fn copy_base(bench: &Bench<'_>, base: &Hypothesis, wider: &Hypothesis, from: &[f64], to: &mut [f64]) {
+    let nominal = bench.free.len();
+    to[..nominal].copy_from_slice(&from[..nominal]);
+    for index in 0..bench.records.len() {
+        let (at, there) = (bench.own_start(base, index), bench.own_start(wider, index));
+        let count = bench.start_count(base.freedom).min(bench.start_count(wider.freedom));
+        to[there..there + count].copy_from_slice(&from[at..at + count]);
+        for (places, wide) in bench.places(base, index).iter().zip(bench.places(wider, index)) {
+            for (&place, wide) in places.iter().zip(wide) {
+                to[wide] = from[place];
+            }
+        }
+    }
+}

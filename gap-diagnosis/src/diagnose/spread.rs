@@ -1,0 +1,138 @@
+//! Effects that no simulation predicts, read from how the residual scatters: jitter, noise, repeated readings, a converter's lattice.
+
+use super::bench::Record;
+
+/// Bins of equal population over the squared velocity, and over the squared displacement.
+const BINS: usize = 24;
+/// Rows that a repeated reading must not have by chance: with digits of its own, a noisy reading never repeats.
+const LEAST_REPEATS: usize = 3;
+/// Stretches of a log whose power is compared.
+const STRETCHES: usize = 10;
+
+/// One log's residual with what it may scatter with.
+pub struct Scatter<'a> {
+    /// The log.
+    pub record: &'a Record<'a>,
+    /// Measured minus predicted, metres.
+    pub residual_m: &'a [f64],
+    /// Velocity of the structure, m/s.
+    pub velocity_m_per_s: &'a [f64],
+}
+
+/// How much of the excess power each kind of scatter accounts for.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scattered {
+    /// Power beyond the noise, metres squared, over all fitted rows.
+    pub excess_m2: f64,
+    /// Rms error of the sampling instants in seconds, its standard error, and the power it accounts for.
+    pub jitter_s: f64,
+    /// See `jitter_s`.
+    pub jitter_sigma_s: f64,
+    /// See `jitter_s`.
+    pub jitter_m2: f64,
+    /// Rows that repeat the one before, as a share, and the power of the residual in them.
+    pub repeated_share: f64,
+    /// See `repeated_share`.
+    pub repeated_m2: f64,
+    /// Relative spread of the excess power over the stretches of all logs; noise has the same everywhere.
+    pub unevenness: f64,
+    /// Relative noise per displacement and the power it accounts for: no entry of the registry, but a rival of jitter.
+    pub multiplied_m2: f64,
+}
+
+/// Reads the scatter of all logs together.
+pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
+    let mut rows = 0usize;
+    let mut excess = 0.0;
+    let mut repeats = (0usize, 0.0);
+    let mut stretches = Vec::new();
+    let mut by_velocity = Vec::new();
+    let mut by_displacement = Vec::new();
+    for log in logs {
+        let record = log.record;
+        let y = &record.log.displacement_m;
+        let noise2 = record.noise_m * record.noise_m;
+        let fitted = record.run_in.max(1)..y.len();
+        let count = fitted.len();
+        rows += count;
+        excess += fitted.clone().map(|k| log.residual_m[k].powi(2) - noise2).sum::<f64>();
+        if record.lattice_m == 0.0 {
+            for k in fitted.clone() {
+                if y[k] == y[k - 1] {
+                    repeats.0 += 1;
+                    repeats.1 += log.residual_m[k].powi(2) - noise2;
+                }
+            }
+        }
+        let length = (count / STRETCHES).max(1);
+        for stretch in log.residual_m[record.run_in..].chunks(length).filter(|s| s.len() == length) {
+            let mean2 = stretch.iter().map(|r| r * r).sum::<f64>() / length as f64;
+            stretches.push((mean2 - noise2).max(0.0));
+        }
+        for k in fitted {
+            if y[k] == y[k - 1] && record.lattice_m == 0.0 {
+                continue;
+            }
+            // Half the squared difference of neighbours: what is slow drops out.
+            let half = 0.5 * (log.residual_m[k] - log.residual_m[k - 1]).powi(2);
+            let v2 = 0.5 * (log.velocity_m_per_s[k].powi(2) + log.velocity_m_per_s[k - 1].powi(2));
+            by_velocity.push((v2, half));
+            by_displacement.push((y[k] * y[k], half));
+        }
+    }
+    let count = rows.max(1) as f64;
+    let (slope, slope_sigma) = slope(&mut by_velocity);
+    let mean_v2 = by_velocity.iter().map(|p| p.0).sum::<f64>() / by_velocity.len().max(1) as f64;
+    let (multiplied, _) = self::slope(&mut by_displacement);
+    let mean_y2 = by_displacement.iter().map(|p| p.0).sum::<f64>() / by_displacement.len().max(1) as f64;
+    let mean = stretches.iter().sum::<f64>() / stretches.len().max(1) as f64;
+    let variance = stretches.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / stretches.len().max(1) as f64;
+    Scattered {
+        excess_m2: excess / count,
+        jitter_s: slope.max(0.0).sqrt(),
+        jitter_sigma_s: 0.5 * slope_sigma / slope.max(slope_sigma).sqrt(),
+        jitter_m2: slope.max(0.0) * mean_v2,
+        repeated_share: if repeats.0 >= LEAST_REPEATS { repeats.0 as f64 / count } else { 0.0 },
+        repeated_m2: if repeats.0 >= LEAST_REPEATS { repeats.1.max(0.0) / count } else { 0.0 },
+        unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
+        multiplied_m2: multiplied.max(0.0) * mean_y2,
+    }
+}
+
+/// Slope of the variance over `x` with its standard error: a weighted line through bins of equal population, whose means forgive
+/// single outliers by leaving out the largest hundredth.
+fn slope(pairs: &mut [(f64, f64)]) -> (f64, f64) {
+    if pairs.len() < 10 * BINS {
+        return (0.0, f64::INFINITY);
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let size = pairs.len().div_ceil(BINS);
+    // A one-sided trim of squared normals at 1 % leaves 92.0 % of their mean.
+    let kept_mean = 0.920;
+    let bins: Vec<(f64, f64, f64)> = pairs
+        .chunks(size)
+        .map(|bin| {
+            let x = bin.iter().map(|p| p.0).sum::<f64>() / bin.len() as f64;
+            let mut values: Vec<f64> = bin.iter().map(|p| p.1).collect();
+            values.sort_by(f64::total_cmp);
+            let kept = (values.len() * 99 / 100).max(1);
+            let y = values[..kept].iter().sum::<f64>() / kept as f64 / kept_mean;
+            (x, y, y * (2.0 / kept as f64).sqrt())
+        })
+        .collect();
+    let weight = |sigma: f64| 1.0 / (sigma * sigma).max(f64::MIN_POSITIVE);
+    let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for &(x, y, sigma) in &bins {
+        let w = weight(sigma);
+        s += w;
+        sx += w * x;
+        sy += w * y;
+        sxx += w * x * x;
+        sxy += w * x * y;
+    }
+    let determinant = s * sxx - sx * sx;
+    if determinant <= 0.0 {
+        return (0.0, f64::INFINITY);
+    }
+    ((s * sxy - sx * sy) / determinant, (s / determinant).sqrt())
+}
