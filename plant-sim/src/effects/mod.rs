@@ -55,6 +55,7 @@ mod periodic_force;
 mod quantisation;
 mod rate_dependent_hysteresis;
 mod sampling_jitter;
+pub mod sane;
 mod sensor_bandwidth;
 mod sensor_drift;
 mod sensor_gain;
@@ -101,6 +102,28 @@ pub const REGISTRY: &[&dyn Effect] = &[
 /// The effect with this identifier.
 pub fn find(id: &str) -> Option<&'static dyn Effect> {
     REGISTRY.iter().copied().find(|effect| effect.id() == id)
+}
+
+/// The identifier that `text` most resembles, by the fewest letters to change.
+pub fn nearest(text: &str) -> &'static str {
+    let distances = REGISTRY.iter().map(|effect| (distance(text, effect.id()), effect.id()));
+    distances.min().map_or("", |(_, id)| id)
+}
+
+/// Letters to insert, delete or replace (Levenshtein's distance).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
 }
 
 /// Something that a bench does and a nominal plant doesn't.
