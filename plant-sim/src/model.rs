@@ -376,7 +376,11 @@ impl Model {
                 format!("{key} = {:e} is outside {low:e} .. {high:e}: check its unit", param.value)
             })
             .collect();
-        let gain_um_per_v = self.chain().plant.static_gain_m_per_v() / MICRO;
+        let nominal = self.nominal_chain().plant;
+        for (i, effect) in self.effects.iter().enumerate() {
+            warnings.extend(effect.warnings(&format!("effect[{}]", i + 1), &nominal));
+        }
+        let gain_um_per_v = nominal.static_gain_m_per_v() / MICRO;
         if !(1e-4..=1e3).contains(&gain_um_per_v) {
             warnings.push(format!(
                 "alpha/k = {gain_um_per_v:.3e} um/V is outside 1e-4 .. 1e3: check the units of stiffness and transduction"

@@ -263,6 +263,10 @@ fn model_files_carry_every_form_without_loss() {
             model.write(&path).expect("room on the disk");
             let read = Model::read(&path).unwrap_or_else(|e| panic!("{e}"));
             assert_eq!(read, model);
+            // Logs of 16 microseconds or at 1 Hz may be warned of.
+            if (1e-6..0.1).contains(&scales.sample_s) && scales.longest_s > 0.1 {
+                assert_eq!(read.warnings(), Vec::<String>::new());
+            }
             assert_eq!(read.chain(), with(&model_without_last(&model).chain(), form, &values));
             assert_eq!(read.nominal_chain(), thesis().chain());
         }
@@ -353,6 +357,14 @@ fn files_with_an_effect_that_cant_be_are_refused_with_one_line() {
     std::fs::write(&path, format!("{nominal}\n{}", element.repeat(9))).expect("room on the disk");
     let error = Model::read(&path).expect_err("too many").to_string();
     assert!(error.contains("38 hysterons with those of the effects; at most "), "{error}");
+    // A delay in microseconds where seconds are meant is possible, and looks wrong.
+    let delay =
+        "[[effect]]\nid = \"transport_delay\"\nform = \"pure\"\n[effect.parameters]\ndelay_s = { value = 250.0 }\n";
+    std::fs::write(&path, format!("{nominal}\n{delay}")).expect("room on the disk");
+    assert_eq!(
+        Model::read(&path).expect("possible").warnings(),
+        ["effect[1].parameters.delay_s = 2.5e2 is outside 0 .. 1 s: check its unit"]
+    );
     // What belongs to single logs needn't be stated.
     std::fs::write(&path, format!("{nominal}\n[[effect]]\nid = \"mains_hum\"\nform = \"50 Hz\"\n"))
         .expect("room on the disk");

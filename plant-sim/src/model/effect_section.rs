@@ -88,6 +88,20 @@ impl EffectSection {
         }
         Ok(())
     }
+
+    /// Numbers that are possible but look like a wrong unit.
+    pub(super) fn warnings(&self, key: &str, plant: &Phs) -> Vec<String> {
+        let Some((_, form)) = self.entry() else { return Vec::new() };
+        let outside = |parameter: Parameter| {
+            let value = self.parameters.get(parameter.name)?.value;
+            let ([low, high], unit) = (parameter.bounds, parameter.unit);
+            (!(low..=high).contains(&value)).then(|| {
+                let (name, low, high) = (parameter.name, sane::short(low), sane::short(high));
+                format!("{key}.parameters.{name} = {value:e} is outside {low} .. {high} {unit}: check its unit")
+            })
+        };
+        sane::plausible(form, plant).into_iter().filter_map(outside).collect()
+    }
 }
 
 fn check(key: &str, parameter: &Parameter, param: &Param) -> Result<(), String> {
