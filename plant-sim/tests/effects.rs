@@ -148,6 +148,33 @@ fn bounds_and_starts_make_sense_on_every_rig() {
     }
 }
 
+#[test]
+fn sizes_come_from_the_logs() {
+    use plant_sim::log::Log;
+    let plant = thesis().chain().plant;
+    let log = |dt_s: f64, command_v: Vec<f64>| {
+        let displacement_m = command_v.iter().map(|u| 1e-6 + 2e-6 * u).collect();
+        Log { dt_s, command_v, displacement_m, ..Log::default() }
+    };
+    let sine =
+        log(1e-4, (0..1000).map(|k| 20.0 + 10.0 * (std::f64::consts::TAU * 0.01 * f64::from(k)).sin()).collect());
+    let steps = log(1e-3, (0..500).map(|k| if k / 100 % 2 == 0 { 0.0 } else { 50.0 }).collect());
+    let scales = Scales::of_logs(&plant, &[sine.clone(), steps.clone()]);
+    assert_eq!((scales.drive_v, scales.command_v), (25.0, [0.0, 50.0]));
+    assert!((scales.stroke_m - 50e-6).abs() < 1e-15 && (scales.displacement_m[1] - 101e-6).abs() < 1e-15);
+    assert_eq!((scales.sample_s, scales.longest_s), (1e-4, 0.5));
+    // 10 V at 100 Hz; the chord over a sample of 3.6 degrees is shorter than the arc by 2e-4. The steps don't count.
+    let rate = 10.0 * std::f64::consts::TAU * 100.0;
+    assert!((scales.rate_v_per_s / rate - 1.0).abs() < 1e-3, "{}", scales.rate_v_per_s);
+    assert_eq!(Scales::of_logs(&plant, &[steps]).rate_v_per_s, 0.0);
+    // Nothing moves: sizes stay positive, bounds stay finite.
+    let still = Scales::of_logs(&plant, &[log(1e-3, vec![3.0; 20])]);
+    for (effect, form) in forms() {
+        let parameters = (form.parameters)(&still);
+        assert!(parameters.iter().flat_map(|p| p.bounds).all(f64::is_finite), "{} {}", effect.id(), form.name);
+    }
+}
+
 /// How a name ends whose number has this unit.
 fn suffix(unit: &str) -> Option<&'static str> {
     Some(match unit {
