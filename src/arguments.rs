@@ -32,15 +32,18 @@ pub enum Command {
     Replay(ReplayCall),
     /// Fit a plant to logs: writes a model file and a page
     Identify(IdentifyCall),
+    /// What a bench may do beyond its nominal plant: all effects, or everything about one
+    Effects(EffectsCall),
 }
 
 impl Command {
-    /// How the result is shown, and the output.
-    pub fn outputs(&self) -> (&Show, &Path) {
+    /// How the result is shown, and the output; `None` for a command that only prints.
+    pub fn outputs(&self) -> Option<(&Show, &Path)> {
         match self {
-            Command::Simulate(call) => (&call.show, &call.out),
-            Command::Replay(call) => (&call.show, &call.out),
-            Command::Identify(call) => (&call.show, &call.out),
+            Command::Simulate(call) => Some((&call.show, &call.out)),
+            Command::Replay(call) => Some((&call.show, &call.out)),
+            Command::Identify(call) => Some((&call.show, &call.out)),
+            Command::Effects(_) => None,
         }
     }
 
@@ -57,6 +60,7 @@ impl Command {
             }
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
+            Command::Effects(_) => Vec::new(),
         }
     }
 }
@@ -180,6 +184,20 @@ pub struct IdentifyCall {
     pub read: ReadArguments,
     #[command(flatten)]
     pub show: Show,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron effects
+  hysteron effects creep
+A model file carries an effect as [[effect]] with its id, its form and its
+parameters; simulate, replay and identify --plant take such a file.")]
+pub struct EffectsCall {
+    /// Identifier of one effect; without it, all are listed
+    pub id: Option<String>,
+    /// Print the whole registry as Markdown: docs/effects.md
+    #[arg(long, conflicts_with = "id")]
+    pub markdown: bool,
 }
 
 #[derive(Args)]

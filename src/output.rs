@@ -91,10 +91,9 @@ fn is_special(path: &Path) -> bool {
 
 /// Refuses outputs that can't be written or that would overwrite an input or one another, before any work is done.
 pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
-    let Some(command) = command else {
+    let Some((command, (show, out))) = command.and_then(|command| Some((command, command.outputs()?))) else {
         return Ok(());
     };
-    let (show, out) = command.outputs();
     let page = page_path(show, out);
     check_place(out, "--out", command.inputs())?;
     if let Some(page) = &page {

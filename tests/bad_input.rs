@@ -145,7 +145,7 @@ fn plants_that_are_none() {
     );
     bench.bad_plant(
         ("[structure]\n", "[strukture]\n"),
-        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `sensor`, `rig`, `initial_state`, `fit`",
+        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `sensor`, `effect`, `rig`, `initial_state`, `fit`",
     );
     bench.bad_plant(("[structure]\n", "[structure\n"), "@/bad.toml, line 23: unclosed table, expected `]`");
     bench.bad_plant(
@@ -184,6 +184,14 @@ fn plants_that_are_none() {
     bench.bad_plant(
         ("value = 24579.0", "value = 1e18"),
         "@/bad.toml: mass, stiffness, transduction and capacitances make a resonance of 5.0e9 Hz: check their units",
+    );
+    bench.bad_plant(
+        ("[structure]\n", "[[effect]]\nid = \"crep\"\nform = \"kelvin-voigt\"\n[structure]\n"),
+        "@/bad.toml: effect[1].id is \"crep\", which is no known effect: did you mean \"creep\"? `hysteron effects` lists all",
+    );
+    bench.bad_plant(
+        ("[structure]\n", "[[effect]]\nid = \"transport_delay\"\nform = \"pure\"\n[effect.parameters]\ndelay_s = { value = -250e-6 }\n[structure]\n"),
+        "@/bad.toml: effect[1].parameters.delay_s is -0.00025: it must lie between 0 and 1000 s (SI); correct it",
     );
     bench.bad_plant(("value = -90.0", "value = 95.0"), "@/bad.toml: rig.drive_min_V must lie below rig.drive_max_V");
     bench.bad_plant(
@@ -576,7 +584,7 @@ fn wrong_calls_are_one_line_too() {
         "hysteron: unrecognized subcommand 'simulate '; tip: a similar subcommand exists: 'simulate'; see `hysteron --help`\n",
     );
     // Help is an answer.
-    for call in ["--help", "simulate --help", "replay --help", "identify --help", "--version"] {
+    for call in ["--help", "simulate --help", "replay --help", "identify --help", "effects --help", "--version"] {
         let output = hysteron(call.split(' '));
         assert_eq!((succeeded(&output), stdout(&output).is_empty()), (String::new(), false), "{call}");
         assert!(call == "--version" || stdout(&output).contains("\n  hysteron "), "{call} shows no example");

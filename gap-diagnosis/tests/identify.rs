@@ -128,6 +128,24 @@ fn a_delay_is_found_and_one_that_is_not_there_is_not() {
 }
 
 #[test]
+fn effects_of_a_stated_plant_stay_as_they_are_and_the_rest_is_found_around_them() {
+    let creep = plant_sim::effects::find("creep").expect("in the registry");
+    let numbers = [0.05, 0.03].map(|value| plant_sim::param::Param::new(value, 0.1, "made"));
+    let truth = thesis().with_effect(creep, &creep.forms()[0], &numbers);
+    let log = made_log(&truth, OPENING, NOISE_M, 11);
+    let found = fit(&log, From::Plant(Box::new(off(&truth, 0.1, 3))), 3).expect("fits");
+    // As for the noise floor above.
+    let ratio = found.logs[0].rms_m / NOISE_M;
+    assert!((0.97..1.03).contains(&ratio), "{ratio}");
+    assert_eq!(found.model.effects, truth.effects);
+    assert_eq!(found.model.actuator.hysterons.len(), 2);
+    for (name, value) in [("stiffness_N_per_m", 24579.0), ("dead_zone2_V", 8.6838)] {
+        let fitted = found.parameters.iter().find(|p| p.name == name).expect("listed");
+        assert!((fitted.value - value).abs() < 4.0 * fitted.sigma, "{name}: {} +- {}", fitted.value, fitted.sigma);
+    }
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bits() {
     let truth = thesis();
     let log = made_log(&truth, OPENING, NOISE_M, 3);

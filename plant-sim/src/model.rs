@@ -2,7 +2,12 @@
 //!
 //! Micrometres and microseconds appear in the keys here and nowhere else; [`Model::chain`] turns them into SI.
 
+mod effect_section;
+
+pub use effect_section::EffectSection;
+
 use crate::chain::{Chain, Drive, MAX_HYSTERONS, Parts, Sensor};
+use crate::effects::{Effect, Form};
 use crate::param::Param;
 use crate::phs::{Hysteron, Phs, PhsState};
 use crate::toml_file::{self, FileError};
@@ -32,6 +37,9 @@ pub struct Model {
     /// Displacement sensor.
     #[serde(default, skip_serializing_if = "SensorSection::is_empty")]
     pub sensor: SensorSection,
+    /// Effects beyond the nominal plant, in the order in which they are put into the chain.
+    #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectSection>,
     /// What experiments on the real plant must respect; simulated plants don't.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<RigSection>,
@@ -159,7 +167,7 @@ pub struct InitialStateSection {
     pub displacement_um: f64,
     /// q'.
     pub velocity_um_per_s: f64,
-    /// Voltage of each hysteron.
+    /// Voltage of each hysteron: those of the actuator, then those of the effects, which may be left out if they are zero.
     #[serde(rename = "hysteron_V")]
     pub hysteron_v: Vec<f64>,
     /// Drive that was held before the start.
@@ -199,8 +207,26 @@ impl Model {
         toml_file::write(path, self)
     }
 
-    /// The chain in SI units.
+    /// The chain in SI units, with its effects.
     pub fn chain(&self) -> Chain {
+        let mut chain = self.nominal_chain();
+        self.install_effects(&mut chain);
+        chain
+    }
+
+    /// Puts the model's effects into a chain that lacks them. What the registry doesn't know is left out; reading a file refuses it.
+    pub fn install_effects(&self, chain: &mut Chain) {
+        self.effects.iter().for_each(|effect| effect.install(chain));
+    }
+
+    /// The same model with one more effect; `parameters` are in the order of the form's.
+    pub fn with_effect(mut self, effect: &dyn Effect, form: &Form, parameters: &[Param]) -> Self {
+        self.effects.push(EffectSection::new(effect, form, parameters));
+        self
+    }
+
+    /// The chain in SI units without its effects.
+    pub fn nominal_chain(&self) -> Chain {
         Chain {
             drive: Drive {
                 range_v: [or(&self.drive.min_v, f64::NEG_INFINITY), or(&self.drive.max_v, f64::INFINITY)],
@@ -237,10 +263,12 @@ impl Model {
     /// The stated state at the start and the drive held before it, if the file states one.
     pub fn stated_start(&self) -> Option<(PhsState, f64)> {
         self.initial_state.as_ref().map(|s| {
+            let mut hysteron_v = s.hysteron_v.clone();
+            hysteron_v.resize(self.chain().plant.hysterons.len(), 0.0);
             let state = PhsState {
                 displacement_m: s.displacement_um * MICRO,
                 velocity_m_per_s: s.velocity_um_per_s * MICRO,
-                hysteron_v: s.hysteron_v.clone(),
+                hysteron_v,
             };
             (state, s.drive_v)
         })
@@ -293,20 +321,23 @@ impl Model {
             if let Some(wrong) = wrong.or(absurd.then_some("can't be: check its unit")) {
                 return Err(format!("{key} is {value:?}: it {wrong}"));
             }
-            for sigma in [param.sigma, param.sigma_abs].into_iter().flatten() {
-                if !(sigma >= 0.0 && sigma.is_finite()) {
-                    return Err(format!("{key} has sigma {sigma}: it must not be negative"));
-                }
-            }
+            check_sigma(&key, param)?;
+        }
+        // Those of the effects that depend on the plant are held against a plant that has been checked.
+        let nominal = self.nominal_chain().plant;
+        for (i, effect) in self.effects.iter().enumerate() {
+            effect.validate(&format!("effect[{}]", i + 1), &nominal)?;
         }
         if or(&self.drive.min_v, f64::NEG_INFINITY) >= or(&self.drive.max_v, f64::INFINITY) {
             return Err("drive.min_V must lie below drive.max_V".to_owned());
         }
         let hysterons = self.actuator.hysterons.len();
-        if hysterons > MAX_HYSTERONS {
-            return Err(format!("{hysterons} hysterons; at most {MAX_HYSTERONS} can be stepped"));
-        }
         let plant = self.chain().plant;
+        let stepped = plant.hysterons.len();
+        if stepped > MAX_HYSTERONS {
+            let of_effects = if stepped > hysterons { " with those of the effects" } else { "" };
+            return Err(format!("{stepped} hysterons{of_effects}; at most {MAX_HYSTERONS} can be stepped"));
+        }
         let springs = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f);
         let resonance_rad_per_s = ((plant.stiffness_n_per_m + springs.sum::<f64>()) / plant.mass_kg).sqrt();
         if resonance_rad_per_s > MOST_RAD_PER_S {
@@ -321,7 +352,7 @@ impl Model {
             return Err("rig.drive_min_V must lie below rig.drive_max_V".to_owned());
         }
         if let Some(start) = &self.initial_state {
-            if start.hysteron_v.len() != hysterons {
+            if ![hysterons, stepped].contains(&start.hysteron_v.len()) {
                 return Err(format!(
                     "initial_state.hysteron_V has length {} and there are {hysterons} hysterons: give one number for each",
                     start.hysteron_v.len()
@@ -345,7 +376,11 @@ impl Model {
                 format!("{key} = {:e} is outside {low:e} .. {high:e}: check its unit", param.value)
             })
             .collect();
-        let gain_um_per_v = self.chain().plant.static_gain_m_per_v() / MICRO;
+        let nominal = self.nominal_chain().plant;
+        for (i, effect) in self.effects.iter().enumerate() {
+            warnings.extend(effect.warnings(&format!("effect[{}]", i + 1), &nominal));
+        }
+        let gain_um_per_v = nominal.static_gain_m_per_v() / MICRO;
         if !(1e-4..=1e3).contains(&gain_um_per_v) {
             warnings.push(format!(
                 "alpha/k = {gain_um_per_v:.3e} um/V is outside 1e-4 .. 1e3: check the units of stiffness and transduction"
@@ -353,6 +388,15 @@ impl Model {
         }
         warnings
     }
+}
+
+fn check_sigma(key: &str, param: &Param) -> Result<(), String> {
+    for sigma in [param.sigma, param.sigma_abs].into_iter().flatten() {
+        if !(sigma >= 0.0 && sigma.is_finite()) {
+            return Err(format!("{key} has sigma {sigma}: it must not be negative"));
+        }
+    }
+    Ok(())
 }
 
 #[derive(Clone, Copy)]

@@ -1,6 +1,7 @@
 //! One file per command.
 
 mod demo;
+mod effects;
 mod identify;
 mod replay;
 mod simulate;
@@ -15,5 +16,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Simulate(call)) => simulate::simulate(call),
         Some(Command::Replay(call)) => replay::replay(call),
         Some(Command::Identify(call)) => identify::identify(call),
+        Some(Command::Effects(call)) => effects::effects(call),
     }
 }

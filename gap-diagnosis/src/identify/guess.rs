@@ -84,6 +84,7 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
             },
             sensor: Default::default(),
             rig: None,
+            effects: Vec::new(),
             initial_state: None,
             fit: None,
         }

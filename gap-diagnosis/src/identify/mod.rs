@@ -3,6 +3,7 @@
 //! * The mass is fixed: displacement alone determines only ratios to it.
 //! * Positive numbers are fitted as bounded logarithms ([`parameters`]) by Levenberg-Marquardt from several starts, in units of
 //!   each log's noise, under wide priors around the start; sensitivities come from re-simulation ([`problem`]).
+//! * Effects that a stated plant carries stay as they are stated.
 //! * A number whose uncertainty after the fit is hardly smaller than before is put back at its prior and said to be unseen.
 //! * Uncertainties count independent samples, not samples: they are widened by the residual's correlation time.
 
@@ -296,8 +297,9 @@ pub fn fit_start(
     }
     let records = [search::record(log, run_in, initial, offset_free)];
     let records = search::shortened(&chain, &records);
-    let z = search::origin(&chain, &records, &[], &simulations);
-    let problem = search::descend(problem::Problem::new(&records, &[], &chain, &simulations, z), search::FINE);
+    let base = problem::Base { chain, effects: Vec::new() };
+    let z = search::origin(&base, &records, &[], &simulations);
+    let problem = search::descend(problem::Problem::new(&records, &[], &base, &simulations, z), search::FINE);
     let (offset_m, start) = problem.own_start(0);
     Ok((start, offset_m))
 }

@@ -6,6 +6,7 @@ use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
+use plant_sim::model::EffectSection;
 use plant_sim::replay::{Start, predict};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -39,12 +40,42 @@ impl Record<'_> {
     }
 }
 
+/// The chain whose numbers are fitted, and the effects that stay as they are stated, on top of it.
+///
+/// Effects are put in anew at every point, because some of their parts are stated relative to the plant.
+#[derive(Clone, Debug)]
+pub struct Base {
+    /// The chain without the effects.
+    pub chain: Chain,
+    /// The effects.
+    pub effects: Vec<EffectSection>,
+}
+
+impl Base {
+    /// The whole chain, its free numbers at coordinates `z`.
+    pub fn at(&self, free: &[Free], z: &DVector<f64>) -> Chain {
+        let mut chain = self.chain.clone();
+        for (free, &z) in free.iter().zip(z.iter()) {
+            *free.quantity.number(&mut chain) = free.at(z);
+        }
+        self.effects.iter().for_each(|effect| effect.install(&mut chain));
+        chain
+    }
+
+    /// Hysterons of the whole chain.
+    pub fn hysterons(&self) -> usize {
+        self.at(&[], &DVector::zeros(0)).plant.hysterons.len()
+    }
+}
+
 /// Coordinates: the free quantities, then for each log its offset (in its unit-free span) and its start.
 #[derive(Clone)]
 pub struct Problem<'a> {
     records: &'a [Record<'a>],
     free: &'a [Free],
-    nominal: &'a Chain,
+    base: &'a Base,
+    /// Hysterons of the whole chain.
+    hysterons: usize,
     simulations: &'a AtomicUsize,
     offset_unit_m: f64,
     z: DVector<f64>,
@@ -58,7 +89,7 @@ impl<'a> Problem<'a> {
     pub fn new(
         records: &'a [Record<'a>],
         free: &'a [Free],
-        nominal: &'a Chain,
+        base: &'a Base,
         simulations: &'a AtomicUsize,
         z: DVector<f64>,
     ) -> Self {
@@ -66,7 +97,8 @@ impl<'a> Problem<'a> {
         let mut problem = Self {
             records,
             free,
-            nominal,
+            base,
+            hysterons: base.hysterons(),
             simulations,
             offset_unit_m,
             z: z.clone(),
@@ -84,17 +116,12 @@ impl<'a> Problem<'a> {
 
     /// The chain at coordinates `z`.
     pub fn chain(&self, z: &DVector<f64>) -> Chain {
-        let mut chain = self.nominal.clone();
-        for (free, &z) in self.free.iter().zip(z.iter()) {
-            *free.quantity.number(&mut chain) = free.at(z);
-        }
-        chain
+        self.base.at(self.free, z)
     }
 
     /// Where the coordinates of log `index` begin.
     fn own(&self, index: usize) -> usize {
-        let hysterons = self.nominal.plant.hysterons.len();
-        self.free.len() + self.records[..index].iter().map(|r| 1 + r.start.count(hysterons)).sum::<usize>()
+        self.free.len() + self.records[..index].iter().map(|r| 1 + r.start.count(self.hysterons)).sum::<usize>()
     }
 
     /// The present coordinates.
@@ -207,11 +234,10 @@ impl<'a> Problem<'a> {
     /// Standard deviation of every coordinate under the prior.
     pub fn prior_sigma(&self) -> DVector<f64> {
         // A start at rest can lie anywhere in its range, and an offset anywhere in several spans: one and ten units.
-        let hysterons = self.nominal.plant.hysterons.len();
         let mut sigma: Vec<f64> = self.free.iter().map(|f| f.prior_sigma).collect();
         for record in self.records {
             sigma.push(if record.offset_free { 10.0 } else { 1e-9 });
-            sigma.extend(vec![1.0; record.start.count(hysterons)]);
+            sigma.extend(vec![1.0; record.start.count(self.hysterons)]);
         }
         DVector::from_vec(sigma)
     }

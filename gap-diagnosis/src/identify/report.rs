@@ -14,7 +14,7 @@ use std::sync::atomic::Ordering;
 /// Puts into words and numbers what a search found.
 pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     let Found { records, free, unseen, z, covariance, starts_rms_m } = found;
-    let problem = &Problem::new(records, free, &session.chain, session.simulations, z.clone());
+    let problem = &Problem::new(records, free, &session.base, session.simulations, z.clone());
     let fitted_chain = problem.chain(z);
     let logs: Vec<LogFit> = (0..records.len()).map(|index| log_fit(&records[index], problem, index)).collect();
     let reach_v = largest_hysteron_voltages(records, problem, &fitted_chain);
@@ -24,9 +24,9 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     let mut parameters = vec![Fitted {
         name: "mass_kg".into(),
         words: ("mass".into(), "kg"),
-        value: session.chain.plant.mass_kg,
-        sigma: session.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
-        prior: session.chain.plant.mass_kg,
+        value: session.base.chain.plant.mass_kg,
+        sigma: session.base.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
+        prior: session.base.chain.plant.mass_kg,
         verdict: Verdict::Given,
         note: "given; displacement alone determines only ratios to the mass".into(),
     }];

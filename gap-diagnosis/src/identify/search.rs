@@ -2,7 +2,7 @@
 //! they don't show put back.
 
 use super::parameters::{Free, Quantity, Scale, StartCoordinates};
-use super::problem::{Problem, Record, spread_m};
+use super::problem::{Base, Problem, Record, spread_m};
 use super::{IdentifyError, Options, Progress, guess, run_in_rows};
 use crate::residual::{noise_rms, samples_per_independent};
 use levenberg_marquardt::LevenbergMarquardt;
@@ -78,7 +78,7 @@ pub(super) struct Session<'a> {
     pub(super) logs: &'a [Log],
     pub(super) options: &'a Options,
     pub(super) nominal: Model,
-    pub(super) chain: Chain,
+    pub(super) base: Base,
     basis: Basis,
     pub(super) simulations: &'a AtomicUsize,
     progress: Progress<'a>,
@@ -93,10 +93,11 @@ impl<'a> Session<'a> {
         simulations: &'a AtomicUsize,
         progress: Progress<'a>,
     ) -> Self {
-        let mut chain = nominal.chain();
+        let mut chain = nominal.nominal_chain();
         // The fit sees the ideal sensor; noise and quantisation are what the residual is made of.
         chain.sensor = plant_sim::chain::Sensor::IDEAL;
-        Self { logs, options, nominal, chain, basis, simulations, progress }
+        let base = Base { chain, effects: nominal.effects.clone() };
+        Self { logs, options, nominal, base, basis, simulations, progress }
     }
 
     fn say(&self, phase: &str) {
@@ -105,7 +106,7 @@ impl<'a> Session<'a> {
 
     /// The quantities to be fitted, and those that these logs can't see at all.
     fn free(&self) -> (Vec<Free>, Vec<Free>) {
-        let mut chain = self.chain.clone();
+        let mut chain = self.base.chain.clone();
         let (bound, prior_sigma) = match self.basis {
             Basis::Stated => (BOUND_STATED, BOUND_STATED),
             Basis::Guessed { .. } => (BOUND_GUESSED, BOUND_GUESSED / 2.0),
@@ -135,7 +136,7 @@ impl<'a> Session<'a> {
     fn delay(&self) -> Free {
         Free {
             quantity: Quantity::Delay,
-            prior: self.chain.drive.delay_s,
+            prior: self.base.chain.drive.delay_s,
             scale: Scale::NotNegative { unit: self.logs[0].dt_s },
             prior_sigma: 10.0,
         }
@@ -147,12 +148,12 @@ impl<'a> Session<'a> {
 
     pub(super) fn run(&self) -> Result<Found<'a>, IdentifyError> {
         let records = self.records();
-        let short = shortened(&self.chain, &records);
+        let short = shortened(&self.base.chain, &records);
         let (free, hidden) = self.free();
         let starts = self.options.starts.max(1);
-        let hysterons = self.chain.plant.hysterons.len();
+        let hysterons = self.base.chain.plant.hysterons.len();
         // The plant has the sign and size of the line at least; offsets come from it.
-        let origin = origin(&self.chain, &short, &free, self.simulations);
+        let origin = origin(&self.base, &short, &free, self.simulations);
         let mut random = Pcg64::seed_from_u64(self.options.seed);
         let spread = if self.basis == Basis::Stated { SPREAD_STATED } else { SPREAD_GUESSED };
         let mut ends: Vec<Problem<'_>> = Vec::new();
@@ -185,12 +186,12 @@ impl<'a> Session<'a> {
         };
         self.say(&format!("{hysterons} hysterons, polishing"));
         let mut z = best.coordinates_now().clone();
-        let mut problem = Problem::new(&records, &free, &self.chain, self.simulations, z.clone());
+        let mut problem = Problem::new(&records, &free, &self.base, self.simulations, z.clone());
         drop(ends);
         // What one independent sample is uncertain by is known once the fit is near; twice, where the fit moves with it.
         let mut weighed = weigh(&records, &problem);
         for _ in 0..2 {
-            problem = descend(Problem::new(&weighed, &free, &self.chain, self.simulations, z), FINE);
+            problem = descend(Problem::new(&weighed, &free, &self.base, self.simulations, z), FINE);
             z = problem.coordinates_now().clone();
             let again = weigh(&weighed, &problem);
             let settled = weighed.iter().zip(&again).all(|(a, b)| (a.unit_m / b.unit_m - 1.0).abs() < SETTLED);
@@ -200,18 +201,18 @@ impl<'a> Session<'a> {
             }
         }
         let records = weighed;
-        let problem = Problem::new(&records, &free, &self.chain, self.simulations, z);
+        let problem = Problem::new(&records, &free, &self.base, self.simulations, z);
         if !free.iter().any(|f| f.quantity == Quantity::Delay)
             && let Some(z) = self.with_delay(&records, &free, problem.coordinates_now())
         {
             self.say(&format!("{hysterons} hysterons, with a delay"));
             let mut delayed = free.clone();
             delayed.push(self.delay());
-            let found = descend(Problem::new(&records, &delayed, &self.chain, self.simulations, z), FINE);
+            let found = descend(Problem::new(&records, &delayed, &self.base, self.simulations, z), FINE);
             if found.cost() + DELAY_SIGMAS * DELAY_SIGMAS < problem.cost() {
                 let weighed = weigh(&records, &found);
                 let z = found.coordinates_now().clone();
-                let problem = descend(Problem::new(&weighed, &delayed, &self.chain, self.simulations, z), FINE);
+                let problem = descend(Problem::new(&weighed, &delayed, &self.base, self.simulations, z), FINE);
                 let (free, unseen, z, covariance) = self.without_unseen(&weighed, &problem, delayed.clone(), hidden);
                 return Ok(Found { records: weighed, free, unseen, z, covariance, starts_rms_m });
             }
@@ -225,10 +226,10 @@ impl<'a> Session<'a> {
         for fraction in ANNEALING {
             let at = |r: &Record<'a>| Record { unit_m: r.noise_m.max(fraction * spread_m(r)), ..r.clone() };
             let softened: Vec<Record<'a>> = records.iter().map(at).collect();
-            let problem = descend(Problem::new(&softened, free, &self.chain, self.simulations, z), COARSE);
+            let problem = descend(Problem::new(&softened, free, &self.base, self.simulations, z), COARSE);
             z = problem.coordinates_now().clone();
         }
-        descend(Problem::new(records, free, &self.chain, self.simulations, z), COARSE)
+        descend(Problem::new(records, free, &self.base, self.simulations, z), COARSE)
     }
 
     /// Coordinates with a delay, if its linear estimate, with every other coordinate free to move, lies well above zero.
@@ -237,7 +238,7 @@ impl<'a> Session<'a> {
         let at = free.len();
         free.push(self.delay());
         // A thousandth of a sample, because at zero the delay is at its bound and has no gradient to one side.
-        let problem = Problem::new(records, &free, &self.chain, self.simulations, z.clone().insert_row(at, 1e-3));
+        let problem = Problem::new(records, &free, &self.base, self.simulations, z.clone().insert_row(at, 1e-3));
         let sensitivities = problem.sensitivities();
         let covariance = covariance_of(&problem, &sensitivities)?;
         let prior = problem.coordinates_now().component_div(&problem.prior_sigma().map(|s| s * s));
@@ -273,7 +274,7 @@ impl<'a> Session<'a> {
                     |indices: &[usize]| indices.iter().filter_map(|&i| free.get(i).copied()).collect::<Vec<Free>>();
                 let seen = pick(&lit);
                 let z = with_set_to_zero(covariance, z, &dims, &lit);
-                let refitted = descend(Problem::new(records, &seen, &self.chain, self.simulations, z), FINE);
+                let refitted = descend(Problem::new(records, &seen, &self.base, self.simulations, z), FINE);
                 if refitted.data_cost() - problem.data_cost() < UNSEEN_COST {
                     let unseen: Vec<Free> = hidden.iter().copied().chain(pick(&dims)).collect();
                     let z = refitted.coordinates_now().clone();
@@ -319,10 +320,9 @@ pub(super) fn shortened<'a>(chain: &Chain, records: &[Record<'a>]) -> Vec<Record
 }
 
 /// Coordinates of the first start: the prior, and for each log with a free offset the mean residual there.
-pub(super) fn origin(chain: &Chain, records: &[Record<'_>], free: &[Free], simulations: &AtomicUsize) -> DVector<f64> {
-    let hysterons = chain.plant.hysterons.len();
-    let mut z = DVector::zeros(Problem::coordinates(records, free, hysterons));
-    let problem = Problem::new(records, free, chain, simulations, z.clone());
+pub(super) fn origin(base: &Base, records: &[Record<'_>], free: &[Free], simulations: &AtomicUsize) -> DVector<f64> {
+    let mut z = DVector::zeros(Problem::coordinates(records, free, base.hysterons()));
+    let problem = Problem::new(records, free, base, simulations, z.clone());
     for (index, record) in records.iter().enumerate().filter(|(_, r)| r.offset_free) {
         let residual_m = problem.residual_m(index);
         problem.set_offset(&mut z, index, -residual_m.iter().sum::<f64>() / (record.rows - record.run_in) as f64);

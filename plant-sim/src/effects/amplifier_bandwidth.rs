@@ -8,15 +8,16 @@ effect!(AmplifierBandwidth, "amplifier_bandwidth", Drive);
 const ABOUT: About = About {
     title: "amplifier bandwidth",
     what: "The drive follows the command as a linear low-pass does, because the amplifier charges a capacitance.",
-    equation: "T v' + v = u, T = R C; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, C: capacitance of \
-               the load, w: natural frequency, z: damping ratio",
+    equation: "T v' + v = u, T = R C; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
+               C: capacitance of the load, w: natural frequency, z: damping ratio",
     source: "PiezoDrive PD200X4 manual (5.6 kHz power bandwidth at 1 uF and 100 V)",
     typical: "corners between 30 Hz and 5 kHz",
     installs: "a lag of the drive",
     signature: "gain falls and phase lags with frequency, the same at every amplitude",
     rivals: &["transport_delay", "sensor_bandwidth", "amplifier_slew"],
-    experiment: "a multisine to 2 kHz at two amplitudes: a delay leaves the gain alone, a slew limit depends on the amplitude. From the \
-                 sensor's lag only a tap of the amplifier's output tells it apart for certain; stops and dead zones help",
+    experiment: "a multisine to 2 kHz at two amplitudes: a delay leaves the gain alone, a slew limit depends on the \
+                 amplitude. From the sensor's lag only a tap of the amplifier's output tells it apart for certain; \
+                 stops and dead zones help",
     spec: "multisine:15V@4-2000Hz,periods=4,for=1s+multisine:5V@4-2000Hz,periods=4,for=1s",
 };
 

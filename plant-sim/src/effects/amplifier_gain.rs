@@ -11,10 +11,12 @@ const ABOUT: About = About {
     source: "common form, size assumed",
     typical: "0.5 to 5 %",
     installs: "a factor on the drive",
-    signature: "a residual in proportion to the displacement, without lag; dead zones seem narrower or wider by the same factor",
+    signature: "a residual in proportion to the displacement, without lag; dead zones seem narrower or wider by the \
+                same factor",
     rivals: &["sensor_gain", "thermal_gain"],
-    experiment: "tap the amplifier's output: command against drive shows its gain and leaves the sensor's. Without a tap, small and \
-                 large amplitudes tell a little: a drive gain moves the dead zones, a sensor gain doesn't",
+    experiment: "tap the amplifier's output: command against drive shows its gain and leaves the sensor's. Without a \
+                 tap, small and large amplitudes tell a little: a drive gain moves the dead zones, a sensor gain \
+                 doesn't",
     spec: "minor-loops:60V@1Hz+minor-loops:20V@1Hz",
 };
 

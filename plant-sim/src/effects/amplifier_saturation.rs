@@ -8,15 +8,15 @@ effect!(AmplifierSaturation, "amplifier_saturation", Drive);
 const ABOUT: About = About {
     title: "amplifier saturation",
     what: "The amplifier's output stays within a range that is narrower than the command's.",
-    equation: "v = min(max(u, L), U), or with rounded corners v = u - w ln(1 + exp((u - U)/w)) + w ln(1 + exp((L - u)/w)); \
-               u: command, v: drive, L and U: limits, w: knee",
+    equation: "v = min(max(u, L), U), or with rounded corners v = u - w ln(1 + exp((u - U)/w)) + w ln(1 + exp((L - \
+               u)/w)); u: command, v: drive, L and U: limits, w: knee",
     source: "common form, size assumed",
     typical: "supplies end at -20 and 150 V; the knee takes a few volts",
     installs: "the drive's range and its knee",
     signature: "nothing below a level of the command; above it flat tops, whatever the rate",
     rivals: &["amplifier_slew", "nonlinear_stiffness", "end_stop", "sensor_nonlinearity"],
-    experiment: "a slow ladder to the largest command: the top levels fall together. A slew limit leaves slow levels alone, and a stop \
-                 also acts when the drive is in range",
+    experiment: "a slow ladder to the largest command: the top levels fall together. A slew limit leaves slow levels \
+                 alone, and a stop also acts when the drive is in range",
     spec: "ladder:60V/12,hold=0.5s",
 };
 

@@ -7,10 +7,12 @@ effect!(AmplifierSlew, "amplifier_slew", Drive);
 
 const ABOUT: About = About {
     title: "amplifier slew limit",
-    what: "The drive can't change faster than a limit: of the amplifier itself, or of its current into the actuator's capacitance.",
-    equation: "|v'| <= S; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of the load",
-    source: "PiezoDrive PD200 (about 150 V/us) and piezosystem nv200 (set by the user) manuals; current limit 0.5 A into 20 uF = 25 V/ms: \
-             Thorlabs BPC notes",
+    what: "The drive can't change faster than a limit: of the amplifier itself, or of its current into the actuator's \
+           capacitance.",
+    equation: "|v'| <= S; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of \
+               the load",
+    source: "PiezoDrive PD200 (about 150 V/us) and piezosystem nv200 (set by the user) manuals; current limit 0.5 A \
+             into 20 uF = 25 V/ms: Thorlabs BPC notes",
     typical: "0.02 to 150 V/us",
     installs: "the drive's largest rate, in one form followed by a first-order lag",
     signature: "steps become ramps of one slope; sines turn into triangles beyond a product of frequency and amplitude",

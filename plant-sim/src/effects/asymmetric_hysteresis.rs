@@ -9,16 +9,17 @@ effect!(AsymmetricHysteresis, "asymmetric_hysteresis", Actuator);
 const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
-    equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s for v > 0 and \
-               smaller for v < 0; or a drive u (1 + c u). C: capacitance, v: voltage of the hysteron, alpha: transduction, q: displacement, \
-               h: admittance, d: width of its dead zone, u: drive, c: curvature",
-    source: "that the hysteresis of ceramics is asymmetric: Wei 2014 (Precision Engineering 38), arXiv 2412.08332; these forms and their size assumed",
+    equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u). C: capacitance, v: voltage of the hysteron, \
+               alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: drive, c: curvature",
+    source: "that the hysteresis of ceramics is asymmetric: Wei 2014 (Precision Engineering 38), arXiv 2412.08332; \
+             these forms and their size assumed",
     typical: "even part 1 to 5 % of the stroke",
     installs: "a skew of capacitances or slopes, or an even term of the drive",
     signature: "even harmonics that show a loop; the two ends of the loop differ",
     rivals: &["extra_hysteron", "asymmetric_stiffness", "sensor_nonlinearity"],
-    experiment: "slow loops about zero and about both ends: the skew belongs to the direction of the drive, a sensor's or a spring's curvature \
-                 to the place",
+    experiment: "slow loops about zero and about both ends: the skew belongs to the direction of the drive, a sensor's \
+                 or a spring's curvature to the place",
     spec: "minor-loops:60V@1Hz+hold:30V,for=2s+sine:20V@1Hz,for=4s",
 };
 

@@ -8,14 +8,15 @@ effect!(AsymmetricStiffness, "asymmetric_stiffness", Structure);
 const ABOUT: About = About {
     title: "asymmetric stiffness",
     what: "The structure is stiffer in one direction than in the other: a preloaded stack, a bent flexure.",
-    equation: "F = k q + k2 q^2, energy k q^2/2 + k2 q^3/3; or F = (k + ks) q for q > 0. F: force of the spring, q: displacement, k: stiffness, \
-               k2: quadratic stiffness, ks: additional stiffness on the positive side",
+    equation: "F = k q + k2 q^2, energy k q^2/2 + k2 q^3/3; or F = (k + ks) q for q > 0. F: force of the spring, q: \
+               displacement, k: stiffness, k2: quadratic stiffness, ks: additional stiffness on the positive side",
     source: "common form, size assumed",
     typical: "stiffness 1 to 10 % different at both ends",
     installs: "an elastic force on the mass",
     signature: "even harmonics without a loop; the resonance depends on the mean displacement",
     rivals: &["nonlinear_stiffness", "asymmetric_hysteresis", "sensor_nonlinearity", "end_stop"],
-    experiment: "a small multisine on three mean levels: a spring moves the resonance with the level, a sensor's curvature moves only the gain",
+    experiment: "a small multisine on three mean levels: a spring moves the resonance with the level, a sensor's \
+                 curvature moves only the gain",
     spec: "multisine:5V@4-2000Hz,periods=4,for=1s+sine:60V@1Hz,for=3s+sine:60V@10Hz,for=1s",
 };
 

@@ -8,14 +8,16 @@ effect!(CoulombFriction, "coulomb_friction", Structure);
 const ABOUT: About = About {
     title: "Coulomb friction",
     what: "A guide or a contact rubs: a force of constant size against the motion.",
-    equation: "F = Fc z, z' = q' (1 - z sign(q')) / s (presliding, Dahl), or F = Fc tanh(q' / vs); F: force against the motion, Fc: its size, \
-               z: state of the contact, q': velocity, s: presliding displacement, vs: speed of transition",
+    equation: "F = Fc z, z' = q' (1 - z sign(q')) / s (presliding, Dahl), or F = Fc tanh(q' / vs); F: force against \
+               the motion, Fc: its size, z: state of the contact, q': velocity, s: presliding displacement, vs: speed \
+               of transition",
     source: "common form, size assumed",
     typical: "0.1 to 5 % of the blocking force; next to nothing in flexures",
     installs: "a force on the mass",
     signature: "the loop is wider by a constant, at every amplitude and rate; at small amplitudes the motion sticks",
     rivals: &["extra_hysteron", "backlash", "rate_dependent_hysteresis"],
-    experiment: "nested slow loops at two speeds: the width that friction adds depends neither on the amplitude nor on the speed",
+    experiment: "nested slow loops at two speeds: the width that friction adds depends neither on the amplitude nor on \
+                 the speed",
     spec: "minor-loops:60V@0.5Hz+minor-loops:60V@5Hz",
 };
 

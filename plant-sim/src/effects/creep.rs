@@ -9,14 +9,15 @@ effect!(Creep, "creep", Actuator);
 const ABOUT: About = About {
     title: "creep",
     what: "After a step the displacement goes on for seconds, along the logarithm of time.",
-    equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; C_c, R_c: capacitance and resistance of an \
-               element, v_c: its voltage, q: displacement, alpha: transduction, tau = R_c C_c. \
-               With a constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade",
-    source: "logarithmic law with g = 0.01 .. 0.02 a decade: PI catalogue (piezo fundamentals, creep); \
-             chain of relaxing elements: common form, size assumed",
+    equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; C_c, R_c: capacitance and \
+               resistance of an element, v_c: its voltage, q: displacement, alpha: transduction, tau = R_c C_c. With a \
+               constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade",
+    source: "logarithmic law with g = 0.01 .. 0.02 a decade: PI catalogue (piezo fundamentals, creep); chain of \
+             relaxing elements: common form, size assumed",
     typical: "1 to 5 % of the stroke over the first minutes",
     installs: "hysterons without a dead zone, time constants from 10 ms to minutes",
-    signature: "the residual after each step grows with the logarithm of time and turns with the step; nothing at zero input",
+    signature: "the residual after each step grows with the logarithm of time and turns with the step; nothing at zero \
+                input",
     rivals: &["extra_hysteron", "rate_dependent_hysteresis", "thermal_gain", "sensor_drift", "initial_state"],
     experiment: "a ladder with 10 s holds up and down: creep follows each step, drift does not",
     spec: "ladder:60V/4,hold=10s",

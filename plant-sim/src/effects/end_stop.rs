@@ -8,14 +8,15 @@ effect!(EndStop, "end_stop", Structure);
 const ABOUT: About = About {
     title: "end stop",
     what: "Beyond some displacement the mover touches a stop that pushes back.",
-    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; F: force of the contact, kc: its stiffness, q: displacement, \
-               g: where it begins",
+    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; F: force of the contact, kc: its \
+               stiffness, q: displacement, g: where it begins",
     source: "common form, size assumed",
     typical: "a tenth to several times the plant's stiffness, at the last tenth of the travel",
     installs: "a contact force on the mass",
     signature: "nothing below a displacement, above it less travel; fast motion rings when it touches",
     rivals: &["amplifier_saturation", "nonlinear_stiffness", "asymmetric_stiffness"],
-    experiment: "a slow ladder to the end, then a fast sine as far: a stop acts at one displacement however it is reached, a clip at one command",
+    experiment: "a slow ladder to the end, then a fast sine as far: a stop acts at one displacement however it is \
+                 reached, a clip at one command",
     spec: "ladder:60V/12,hold=0.5s+sine:60V@100Hz,for=0.5s",
 };
 

@@ -8,14 +8,15 @@ effect!(ExtraHysteron, "extra_hysteron", Actuator);
 const ABOUT: About = About {
     title: "additional hysteron",
     what: "The hysteresis has one more element, with a dead zone of its own, than the nominal plant.",
-    equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: its voltage, alpha: \
-               transduction, q: displacement, beta: slope, d: width of the dead zone. Given by r = alpha^2 / (C k), k: stiffness, and \
-               tau = C / beta",
-    source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements: Prandtl-Ishlinskii and Preisach surveys (Hassani); \
-             size assumed",
+    equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
+               its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Given by r = \
+               alpha^2 / (C k), k: stiffness, and tau = C / beta",
+    source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements: Prandtl-Ishlinskii and \
+             Preisach surveys (Hassani); size assumed",
     typical: "1 to 5 % of the stiffness",
     installs: "a hysteron",
-    signature: "turning points and minor loops fit badly where major loops fit: a kink at a fixed distance from each reversal",
+    signature: "turning points and minor loops fit badly where major loops fit: a kink at a fixed distance from each \
+                reversal",
     rivals: &["creep", "asymmetric_hysteresis", "rate_dependent_hysteresis", "coulomb_friction", "backlash"],
     experiment: "nested slow loops: a hysteron opens at a voltage of its own, friction and play at a displacement",
     spec: "minor-loops:60V@0.5Hz+minor-loops:60V@5Hz",

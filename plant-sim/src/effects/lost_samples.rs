@@ -8,13 +8,15 @@ effect!(LostSamples, "lost_samples", Timing);
 const ABOUT: About = About {
     title: "lost samples",
     what: "Now and then a reading repeats the one before, or a command doesn't arrive and the old one stays.",
-    equation: "y_k = y_(k-1) with probability p, or u_k = u_(k-1) with probability p; y: readings, u: commands that act, k: sample",
+    equation: "y_k = y_(k-1) with probability p, or u_k = u_(k-1) with probability p; y: readings, u: commands that \
+               act, k: sample",
     source: "common form, size assumed; that links lose and delay samples: ArduPilot issues 11217 and 14561",
     typical: "1e-4 to 1e-2 of the samples",
     installs: "a share of repeated readings or of commands not received",
     signature: "single outliers in proportion to the velocity; readings that repeat exactly",
     rivals: &["sampling_jitter", "noise_excess"],
-    experiment: "a fast sine with sequence numbers logged: repeated readings are equal to the last digit while the plant moves",
+    experiment: "a fast sine with sequence numbers logged: repeated readings are equal to the last digit while the \
+                 plant moves",
     spec: "sine:60V@50Hz,for=4s",
 };
 

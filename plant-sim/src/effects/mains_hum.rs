@@ -9,14 +9,16 @@ effect!(MainsHum, "mains_hum", Environment);
 const ABOUT: About = About {
     title: "mains hum",
     what: "The mains reach the reading, at their frequency and its harmonics.",
-    equation: "y = q + sum over h = 1, 2, 3 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, f: 50 or 60 Hz exactly, \
-               t: time since the log's start, a_h and b_h: of each log, since nothing ties their phase to the log's start",
+    equation: "y = q + sum over h = 1, 2, 3 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, \
+               f: 50 or 60 Hz exactly, t: time since the log's start, a_h and b_h: of each log, since nothing ties \
+               their phase to the log's start",
     source: "common form, size assumed",
     typical: "1 to 50 nm",
     installs: "lines of the sensor",
     signature: "lines at multiples of exactly 50 or 60 Hz that are not tied to the drive",
     rivals: &["periodic_force", "noise_excess"],
-    experiment: "10 s at zero input: lines at exact multiples of the mains' frequency; run the sensor from a battery to be sure",
+    experiment: "10 s at zero input: lines at exact multiples of the mains' frequency; run the sensor from a battery \
+                 to be sure",
     spec: "zero@10s",
 };
 

@@ -7,7 +7,8 @@
 //! Not here: statistics. Which effect a log shows is `gap-diagnosis`' business.
 
 use crate::chain::Chain;
-use crate::phs::Phs;
+
+pub use scales::Scales;
 
 /// Declares the unit struct of an effect from its file's `ABOUT` and `FORMS`.
 macro_rules! effect {
@@ -55,6 +56,8 @@ mod periodic_force;
 mod quantisation;
 mod rate_dependent_hysteresis;
 mod sampling_jitter;
+pub mod sane;
+mod scales;
 mod sensor_bandwidth;
 mod sensor_drift;
 mod sensor_gain;
@@ -101,6 +104,28 @@ pub const REGISTRY: &[&dyn Effect] = &[
 /// The effect with this identifier.
 pub fn find(id: &str) -> Option<&'static dyn Effect> {
     REGISTRY.iter().copied().find(|effect| effect.id() == id)
+}
+
+/// The identifier that `text` most resembles, by the fewest letters to change.
+pub fn nearest(text: &str) -> &'static str {
+    let distances = REGISTRY.iter().map(|effect| (distance(text, effect.id()), effect.id()));
+    distances.min().map_or("", |(_, id)| id)
+}
+
+/// Letters to insert, delete or replace (Levenshtein's distance).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
 }
 
 /// Something that a bench does and a nominal plant doesn't.
@@ -209,44 +234,6 @@ pub enum Kind {
     Events,
     /// It is in the state at the start, and dies out.
     Start,
-}
-
-/// Sizes from which bounds and typical values follow.
-#[derive(Clone, Copy, Debug)]
-pub struct Scales<'a> {
-    /// The nominal plant.
-    pub plant: &'a Phs,
-    /// Half of the largest span of the displacement, metres.
-    pub stroke_m: f64,
-    /// Half of the largest span of the command, volts.
-    pub drive_v: f64,
-    /// Largest rate of the command in V/s, steps left out.
-    pub rate_v_per_s: f64,
-    /// Sample time in seconds.
-    pub sample_s: f64,
-    /// Duration of the longest log in seconds.
-    pub longest_s: f64,
-    /// Lowest and highest command of all logs, volts.
-    pub command_v: [f64; 2],
-    /// Lowest and highest displacement of all logs, metres.
-    pub displacement_m: [f64; 2],
-}
-
-impl Scales<'_> {
-    /// Force of the drive's half span, newtons.
-    pub fn force_n(&self) -> f64 {
-        self.plant.transduction_c_per_m * self.drive_v
-    }
-
-    /// The drive's rate, V/s; where it only steps, that of one slow ramp through the log.
-    pub fn usual_rate_v_per_s(&self) -> f64 {
-        self.rate_v_per_s.max(self.drive_v / self.longest_s)
-    }
-
-    /// The velocity that goes with [`Scales::usual_rate_v_per_s`], m/s.
-    pub fn speed_m_per_s(&self) -> f64 {
-        self.stroke_m * self.usual_rate_v_per_s() / self.drive_v
-    }
 }
 
 /// A number of a form.

@@ -7,13 +7,16 @@ effect!(NoiseExcess, "noise_excess", Sensor);
 const ABOUT: About = About {
     title: "excess noise",
     what: "The reading is noisier than the nominal sensor, white or slow, whatever the plant does.",
-    equation: "y = q + e, e white with rms s, or white noise behind 1 / (1 + T d/dt) with rms s; q: displacement, y: reading",
-    source: "table of position sensors in Fleming 2013 (24 ppm capacitive to 230 ppm strain of 100 um at 1 kHz: 2.4 to 23 nm), as quoted by tdehaeze's notes",
+    equation: "y = q + e, e white with rms s, or white noise behind 1 / (1 + T d/dt) with rms s; q: displacement, y: \
+               reading",
+    source: "table of position sensors in Fleming 2013 (24 ppm capacitive to 230 ppm strain of 100 um at 1 kHz: 2.4 to \
+             23 nm), as quoted by tdehaeze's notes",
     typical: "2 to 50 nm",
     installs: "noise of the sensor",
     signature: "a residual without structure, of one size at rest and in motion",
     rivals: &["sampling_jitter", "lost_samples", "quantisation", "mains_hum"],
-    experiment: "a record at zero input beside one in motion: noise is alike in both, jitter and lost samples need motion",
+    experiment: "a record at zero input beside one in motion: noise is alike in both, jitter and lost samples need \
+                 motion",
     spec: "zero@10s+sine:60V@50Hz,for=2s",
 };
 

@@ -8,13 +8,16 @@ effect!(NonlinearStiffness, "nonlinear_stiffness", Structure);
 const ABOUT: About = About {
     title: "nonlinear stiffness",
     what: "The spring hardens or softens with displacement, alike in both directions.",
-    equation: "F = k q + k3 q^3, energy k q^2/2 + k3 q^4/4; F: force of the spring, q: displacement, k: stiffness, k3: cubic stiffness (Duffing)",
+    equation: "F = k q + k3 q^3, energy k q^2/2 + k3 q^4/4; F: force of the spring, q: displacement, k: stiffness, k3: \
+               cubic stiffness (Duffing)",
     source: "common form, size assumed",
     typical: "k3 q^2 / k = 0.1 to 5 % at full stroke",
     installs: "an elastic force on the mass",
-    signature: "third harmonic with the cube of the amplitude and without a loop; the resonance moves with the square of the amplitude",
+    signature: "third harmonic with the cube of the amplitude and without a loop; the resonance moves with the square \
+                of the amplitude",
     rivals: &["asymmetric_stiffness", "amplifier_saturation", "end_stop", "sensor_nonlinearity", "payload_mass"],
-    experiment: "sines at three amplitudes, slow and near the resonance: only a spring moves the resonance with the amplitude",
+    experiment: "sines at three amplitudes, slow and near the resonance: only a spring moves the resonance with the \
+                 amplitude",
     spec: "sine:15V@10Hz,for=2s+sine:30V@10Hz,for=2s+sine:60V@10Hz,for=2s+multisine:15V@4-2000Hz,periods=4",
 };
 

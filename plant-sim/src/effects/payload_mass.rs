@@ -7,14 +7,15 @@ effect!(PayloadMass, "payload_mass", Structure);
 const ABOUT: About = About {
     title: "payload mass",
     what: "More or less mass moves than the nominal plant has.",
-    equation: "M (1 + m) q'' = ..., f = f0 / sqrt(1 + m); M: nominal mass, m: added share, q: displacement, f0 and f: resonance without and \
-               with the load",
+    equation: "M (1 + m) q'' = ..., f = f0 / sqrt(1 + m); M: nominal mass, m: added share, q: displacement, f0 and f: \
+               resonance without and with the load",
     source: "common form, size assumed",
     typical: "5 % to the plant's own mass: resonance lower by 2 to 29 %",
     installs: "a factor on the mass",
     signature: "the resonance moves and its height changes, the static gain stays, at every amplitude",
     rivals: &["vibration_mode", "nonlinear_stiffness"],
-    experiment: "a multisine across the resonance at two amplitudes: a mass moves it alike in both. A known weight on top settles it",
+    experiment: "a multisine across the resonance at two amplitudes: a mass moves it alike in both. A known weight on \
+                 top settles it",
     spec: "multisine:15V@4-2000Hz,periods=4,for=1s+multisine:5V@4-2000Hz,periods=4,for=1s",
 };
 

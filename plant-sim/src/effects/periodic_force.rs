@@ -9,15 +9,16 @@ effect!(PeriodicForce, "periodic_force", Environment);
 const ABOUT: About = About {
     title: "periodic force",
     what: "A fan, a pump or the floor shakes the structure at one frequency.",
-    equation: "F = a cos(2 pi f t) + b sin(2 pi f t) on the mass; f: frequency, t: time since the log's start, a and b: of each log, since \
-               nothing ties its phase to the log's start",
+    equation: "F = a cos(2 pi f t) + b sin(2 pi f t) on the mass; f: frequency, t: time since the log's start, a and \
+               b: of each log, since nothing ties its phase to the log's start",
     source: "common form, size assumed",
     typical: "1 to 100 nm between 10 and 200 Hz",
     installs: "an external force",
-    signature: "one line in the residual's spectrum that is not tied to the drive and passes through the plant's dynamics",
+    signature: "one line in the residual's spectrum that is not tied to the drive and passes through the plant's \
+                dynamics",
     rivals: &["mains_hum", "vibration_mode"],
-    experiment: "10 s at zero input: the line stays and a mode is silent. A line at the mains' frequency is told from hum by touching nothing \
-                 but the sensor: hum stays when the mover is clamped",
+    experiment: "10 s at zero input: the line stays and a mode is silent. A line at the mains' frequency is told from \
+                 hum by touching nothing but the sensor: hum stays when the mover is clamped",
     spec: "zero@10s",
 };
 

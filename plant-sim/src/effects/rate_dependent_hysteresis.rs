@@ -9,17 +9,18 @@ effect!(RateDependentHysteresis, "rate_dependent_hysteresis", Actuator);
 const ABOUT: About = About {
     title: "rate-dependent hysteresis",
     what: "The hysteresis loop widens with the rate of the drive, not in proportion as it would with linear damping.",
-    equation: "F = Fr |q' / vr|^m sign(q'); or a dead zone d (1 + w |u'| / (1e4 V/s)); or a leak beta d/2 (x / (d/2))^(1+e). F: force against \
-               the motion, q': velocity, vr = 0.05 m/s, m: exponent, d: width of the dead zone, u': rate of the drive, w: widening, \
-               beta: slope, x: voltage beyond the dead zone, e: excess of the exponent over one",
-    source: "power of the rate, and thresholds r0 + r1 |u'|: rate-dependent Prandtl-Ishlinskii model, doi 10.5772/58984 (form and range); \
-             the leak and all sizes assumed",
+    equation: "F = Fr |q' / vr|^m sign(q'); or a dead zone d (1 + w |u'| / (1e4 V/s)); or a leak beta d/2 (x / \
+               (d/2))^(1+e). F: force against the motion, q': velocity, vr = 0.05 m/s, m: exponent, d: width of the \
+               dead zone, u': rate of the drive, w: widening, beta: slope, x: voltage beyond the dead zone, e: excess \
+               of the exponent over one",
+    source: "power of the rate, and thresholds r0 + r1 |u'|: rate-dependent Prandtl-Ishlinskii model, doi \
+             10.5772/58984 (form and range); the leak and all sizes assumed",
     typical: "loop width plus tens of per cent from 1 Hz to hundreds of Hz",
     installs: "a force on the mass, or a bend of the hysterons",
     signature: "loop area over amplitude squared grows with frequency, but more slowly or faster than in proportion",
     rivals: &["amplifier_slew", "creep", "extra_hysteron", "coulomb_friction", "transport_delay"],
-    experiment: "triangles of one amplitude at three speeds: the loop's width against the rate is a power law, constant for friction, \
-                 a straight line for a delay",
+    experiment: "triangles of one amplitude at three speeds: the loop's width against the rate is a power law, \
+                 constant for friction, a straight line for a delay",
     spec: "triangle:60V@1Hz,for=3s+triangle:60V@10Hz,for=1s+triangle:60V@50Hz,for=1s",
 };
 

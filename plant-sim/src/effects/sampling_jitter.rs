@@ -7,8 +7,10 @@ effect!(SamplingJitter, "sampling_jitter", Timing);
 const ABOUT: About = About {
     title: "sampling jitter",
     what: "Readings are taken a little before or after their nominal instants.",
-    equation: "y_k = q(k T + e_k), error about q' e_k; y_k: reading of sample k, q: displacement, T: sample time, e_k: random, rms s",
-    source: "over serial links 0.1 to 30 ms: ArduPilot issues 11217 and 14561; form common, size on a microcontroller assumed",
+    equation: "y_k = q(k T + e_k), error about q' e_k; y_k: reading of sample k, q: displacement, T: sample time, e_k: \
+               random, rms s",
+    source: "over serial links 0.1 to 30 ms: ArduPilot issues 11217 and 14561; form common, size on a microcontroller \
+             assumed",
     typical: "0.1 to 5 us",
     installs: "an rms error of the sampling instants",
     signature: "noise that grows with the velocity and is not there at rest",

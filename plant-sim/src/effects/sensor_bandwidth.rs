@@ -9,14 +9,17 @@ effect!(SensorBandwidth, "sensor_bandwidth", Sensor);
 const ABOUT: About = About {
     title: "sensor bandwidth",
     what: "The reading follows the displacement as a linear low-pass does.",
-    equation: "T y' + y = q, or y'' + 2 z w y' + w^2 y = w^2 q; q: displacement, y: reading, T: time constant, w: natural frequency, z: damping ratio",
-    source: "table of position sensors in Fleming 2013 (strain gauges 1 to 10 kHz, capacitive to 100 kHz), as quoted by tdehaeze's notes",
+    equation: "T y' + y = q, or y'' + 2 z w y' + w^2 y = w^2 q; q: displacement, y: reading, T: time constant, w: \
+               natural frequency, z: damping ratio",
+    source: "table of position sensors in Fleming 2013 (strain gauges 1 to 10 kHz, capacitive to 100 kHz), as quoted \
+             by tdehaeze's notes",
     typical: "corners between 1 and 100 kHz",
     installs: "a lag of the sensor",
-    signature: "gain falls and phase lags with frequency, the same at every amplitude; also after contact and stick, which a lag of the drive precedes",
+    signature: "gain falls and phase lags with frequency, the same at every amplitude; also after contact and stick, \
+                which a lag of the drive precedes",
     rivals: &["transport_delay", "amplifier_bandwidth"],
-    experiment: "tap the amplifier's output: what lags between command and tap is the amplifier, the rest the sensor. A multisine to 2 kHz \
-                 separates a lag from a delay",
+    experiment: "tap the amplifier's output: what lags between command and tap is the amplifier, the rest the sensor. \
+                 A multisine to 2 kHz separates a lag from a delay",
     spec: "multisine:15V@4-2000Hz,periods=4",
 };
 

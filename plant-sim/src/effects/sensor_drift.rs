@@ -8,8 +8,9 @@ effect!(SensorDrift, "sensor_drift", Sensor);
 const ABOUT: About = About {
     title: "sensor drift",
     what: "The zero of the reading wanders during a log, whether the plant moves or not.",
-    equation: "y = q + r t, or y = q + a (1 - exp(-t / tau)); q: displacement, y: reading, t: time since the log's start, r: rate, a: final \
-               value (both of each log), tau: thermal time constant of the mount, one for all logs",
+    equation: "y = q + r t, or y = q + a (1 - exp(-t / tau)); q: displacement, y: reading, t: time since the log's \
+               start, r: rate, a: final value (both of each log), tau: thermal time constant of the mount, one for all \
+               logs",
     source: "common form, size assumed (thermal expansion of the mount, 10 to 20 ppm/K for metals)",
     typical: "1 nm to 1 um a minute",
     installs: "a drift of the sensor's zero",

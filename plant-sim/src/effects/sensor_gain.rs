@@ -7,14 +7,16 @@ effect!(SensorGain, "sensor_gain", Sensor);
 const ABOUT: About = About {
     title: "sensor gain",
     what: "The reading is a fixed share larger or smaller than the displacement.",
-    equation: "y = (1 + g) q; q: displacement, y: reading, g: relative gain error. By itself indistinguishable from alpha (1 + g) with all \
-               C and slopes (1 + g)^2, alpha: transduction, C: capacitances",
-    source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by tdehaeze's notes",
+    equation: "y = (1 + g) q; q: displacement, y: reading, g: relative gain error. By itself indistinguishable from \
+               alpha (1 + g) with all C and slopes (1 + g)^2, alpha: transduction, C: capacitances",
+    source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by \
+             tdehaeze's notes",
     typical: "0.1 to 1 %",
     installs: "a factor on the reading",
     signature: "a residual in proportion to the displacement, dynamics and dead zones untouched",
     rivals: &["amplifier_gain", "sensor_nonlinearity"],
-    experiment: "calibrate the sensor against a known displacement (gauge block, interferometer); no command separates it from a stronger transduction",
+    experiment: "calibrate the sensor against a known displacement (gauge block, interferometer); no command separates \
+                 it from a stronger transduction",
     spec: "",
 };
 

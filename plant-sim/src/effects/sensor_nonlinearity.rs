@@ -20,7 +20,8 @@ const ABOUT: About = About {
         "asymmetric_hysteresis",
         "amplifier_saturation",
     ],
-    experiment: "slow and fast sines of the same displacement: the curve stays, a spring's changes near the resonance and a clip goes with the command",
+    experiment: "slow and fast sines of the same displacement: the curve stays, a spring's changes near the resonance \
+                 and a clip goes with the command",
     spec: "sine:60V@1Hz,for=3s+sine:30V@1Hz,for=3s+sine:30V@100Hz,for=1s",
 };
 

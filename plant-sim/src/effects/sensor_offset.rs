@@ -8,7 +8,8 @@ const ABOUT: About = About {
     title: "sensor offset",
     what: "The reading is shifted by a constant, the same in every log.",
     equation: "y = q + o; q: displacement, y: reading, o: offset",
-    source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by tdehaeze's notes",
+    source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by \
+             tdehaeze's notes",
     typical: "0.1 to 1 % of the range",
     installs: "an offset of the sensor",
     signature: "a residual that is constant through every log and the same in all of them",

@@ -8,14 +8,16 @@ effect!(ThermalGain, "thermal_gain", Actuator);
 const ABOUT: About = About {
     title: "thermal gain",
     what: "The gain drifts as the ceramic warms, by itself after it was switched on or by the losses of the drive.",
-    equation: "y = y0 (1 + a theta), tau theta' = P - theta; a: relative change at theta = 1, tau: thermal time constant, P: heat, which \
-               is 1 (time), (v / 60 V)^2 (drive) or (v' / 1e4 V/s)^2 (rate: dielectric loss f C V^2 tan delta), v: drive",
+    equation: "y = y0 (1 + a theta), tau theta' = P - theta; a: relative change at theta = 1, tau: thermal time \
+               constant, P: heat, which is 1 (time), (v / 60 V)^2 (drive) or (v' / 1e4 V/s)^2 (rate: dielectric loss f \
+               C V^2 tan delta), v: drive",
     source: "common form, size assumed",
     typical: "1 to 10 % at high frequency, over seconds to minutes",
     installs: "a gain of the drive that follows the heat with a lag",
     signature: "the amplitude of the residual grows through the log, in proportion to the displacement; the zero stays",
     rivals: &["amplifier_gain", "creep", "sensor_drift"],
-    experiment: "the same sine before and after a fast one, with a pause: warming keeps the gain changed and decays in the pause",
+    experiment: "the same sine before and after a fast one, with a pause: warming keeps the gain changed and decays in \
+                 the pause",
     spec: "sine:30V@10Hz,for=5s+sine:30V@150Hz,for=30s+sine:30V@10Hz,for=20s",
 };
 

@@ -9,19 +9,24 @@ effect!(VibrationMode, "vibration_mode", Structure);
 const ABOUT: About = About {
     title: "vibration mode",
     what: "Another part of the structure swings at a frequency of its own.",
-    equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c w^2 F / (s^2 + 2 z w s + w^2). \
-               m, x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: natural frequency, \
-               z: damping ratio, c: static compliance, F: drive force, s: Laplace's variable",
-    source: "that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form common, size assumed",
+    equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c \
+               w^2 F / (s^2 + 2 z w s + w^2). m, x: mass and displacement of the part, q: displacement of the plant, \
+               y: of what the sensor sees, w: natural frequency, z: damping ratio, c: static compliance, F: drive \
+               force, s: Laplace's variable",
+    source: "that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form \
+             common, size assumed",
     typical: "1 to 30 % of the main resonance's height, damping ratio 0.002 to 0.03",
     installs: "an oscillator, fixed to the moving mass or beside it",
-    signature: "one narrow band of frequencies, at every amplitude; a ringing after each step at a frequency that isn't the plant's",
+    signature: "one narrow band of frequencies, at every amplitude; a ringing after each step at a frequency that \
+                isn't the plant's",
     rivals: &["payload_mass", "periodic_force"],
-    experiment: "a multisine with fine lines: the mode is a narrow peak and dip that scales with the drive; a periodic force is there without it",
+    experiment: "a multisine with fine lines: the mode is a narrow peak and dip that scales with the drive; a periodic \
+                 force is there without it",
     spec: "zero@2s+multisine:15V@1-2000Hz,periods=4",
 };
 
-/// Frequencies from which a search starts: enough that one lies within the width of a resonance with a damping ratio of a few per cent.
+/// Frequencies from which a search starts: from 100 Hz to 8 kHz they are 7.7 % apart, so that one lies within the half-power width of a
+/// resonance with a damping ratio of 0.04, and a sharper one shows on its flank.
 const N_STARTS: usize = 60;
 
 /// Natural frequency and damping ratio.
