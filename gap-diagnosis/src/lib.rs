@@ -3,5 +3,7 @@
 //! What it does not do: simulate (`plant-sim`), open ports, read command lines.
 
 pub mod identify;
+pub mod locate;
 pub mod page;
 pub mod residual;
+pub mod spectra;
