@@ -15,6 +15,8 @@ const N_TERMS: usize = 2 + 2 * N_HARMONICS;
 const CROSSING_BAND: f64 = 0.03;
 /// Successive periods of one sine agree to this part in length and in height.
 const SAME_PERIOD: f64 = 0.03;
+/// Part of the drive's power that offset and harmonics may leave: a square wave leaves 5 %.
+const MOST_FOREIGN: f64 = 0.08;
 /// Samples per period below which the 7th harmonic has no place under the Nyquist frequency.
 const MIN_PERIOD_SAMPLES: f64 = 2.2 * N_HARMONICS as f64;
 
@@ -162,12 +164,14 @@ fn fit(trace: &Trace<'_>, stretch: &Stretch) -> Option<PeriodicStretch> {
     let mut normal = DMatrix::<f64>::zeros(N_TERMS, N_TERMS);
     let (mut of_residual, mut of_drive) = (DVector::<f64>::zeros(N_TERMS), DVector::<f64>::zeros(N_TERMS));
     let mut terms = [0.0; N_TERMS];
-    let mut n_scored = 0.0_f64;
+    let (mut n_scored, mut drive_sum_v, mut drive_squares_v2) = (0.0_f64, 0.0, 0.0);
     for k in from..to {
         if !trace.residual_m[k].is_finite() {
             continue;
         }
         n_scored += 1.0;
+        drive_sum_v += trace.drive_v[k];
+        drive_squares_v2 += trace.drive_v[k] * trace.drive_v[k];
         terms[0] = 1.0;
         terms[1] = 2.0 * (k - from) as f64 / (to - from) as f64 - 1.0;
         let angle_rad = step_rad * (k as f64 - stretch.start);
@@ -185,6 +189,12 @@ fn fit(trace: &Trace<'_>, stretch: &Stretch) -> Option<PeriodicStretch> {
     }
     let solver = normal.cholesky()?;
     let (residual, drive) = (solver.solve(&of_residual), solver.solve(&of_drive));
+    // A step within two periods of a sine passes for their period, but not for their harmonics.
+    let motion_v2 = drive_squares_v2 - drive_sum_v * drive_sum_v / n_scored;
+    let foreign_v2 = drive_squares_v2 - drive.dot(&of_drive) + drive[1] * drive[1] * n_scored / 3.0;
+    if foreign_v2 > MOST_FOREIGN * motion_v2 {
+        return None;
+    }
     // a cos + b sin = r cos(angle + phase), phase = -atan2(b, a).
     let polar = |fit: &DVector<f64>, order: usize| {
         let (a, b) = (fit[2 * order], fit[2 * order + 1]);
@@ -262,6 +272,19 @@ mod tests {
         }
         assert!(stretch.harmonics[2].phase_deg.abs() < 2.0, "{:?}", stretch.harmonics[2]);
         assert!(found.harmonics.coherent_percent.is_some_and(|percent| percent > 98.0));
+    }
+
+    #[test]
+    fn a_step_among_the_periods_is_no_period() {
+        let made = Made::new(
+            "loop",
+            1.3,
+            |t| 30.0 * (TAU * 25.0 * t).sin() + if t > 0.6 { 20.0 } else { 0.0 },
+            |_, v, _| 1e-8 * v,
+        );
+        let found = locate(&[made.trace()]).harmonics;
+        assert!(found.stretches.iter().all(|stretch| (stretch.fundamental_hz - 25.0).abs() < 0.01), "{found:?}");
+        assert_eq!(found.stretches.len(), 2);
     }
 
     #[test]

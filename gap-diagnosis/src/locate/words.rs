@@ -15,8 +15,10 @@ pub fn strongest(found: &Where) -> String {
         return "nothing stands out of the noise".to_owned();
     }
     let mut phrases = vec![band(found)];
-    phrases.extend(motion(found));
-    phrases.extend(amplitude(found));
+    let when: Vec<String> = [motion(found), amplitude(found)].into_iter().flatten().collect();
+    if !when.is_empty() {
+        phrases.push(format!("mostly {}", when.join(" and ")));
+    }
     phrases.extend(log(found));
     phrases.extend(growth(found));
     phrases.join(", ")
@@ -55,7 +57,7 @@ fn motion(found: &Where) -> Option<String> {
     ]
     .into_iter()
     .find(|&(share_percent, time_percent, _)| stands_out(share_percent, time_percent))
-    .map(|(_, _, words)| format!("mostly {words}"))
+    .map(|(_, _, words)| words.to_owned())
 }
 
 /// The outer half of the amplitudes, or less of it, or the inner half.
@@ -72,10 +74,10 @@ fn amplitude(found: &Where) -> Option<String> {
         stands_out(share_percent, time_percent)
     };
     if let Some(from) = (n / 2..n).rev().find(|&from| is_strong(from, n)) {
-        return Some(format!("mostly at drives beyond {} V", plain(bins[from].from_v)));
+        return Some(format!("at drives beyond {} V", plain(bins[from].from_v)));
     }
     let to = (1..=n / 2).find(|&to| is_strong(0, to))?;
-    Some(format!("mostly at drives within {} V", plain(bins[to - 1].to_v)))
+    Some(format!("at drives within {} V", plain(bins[to - 1].to_v)))
 }
 
 /// The one log or, in it, the one stretch that holds most.
