@@ -4,5 +4,7 @@
 
 pub mod diagnose;
 pub mod identify;
+pub mod locate;
 pub mod page;
 pub mod residual;
+pub mod spectra;

@@ -1,39 +1,17 @@
 //! Whole pages: they fetch nothing, escape what they are given, carry their data and stay small.
 
+mod common;
+
+use common::{HOSTILE, assert_fetches_nothing, drawings};
 use gap_diagnosis::page::{
     Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series, Share, SimulationView,
     StartView, identify_page, replay_page, simulation_page,
 };
 
-const HOSTILE: &str = "</script><script>document.documentElement.dataset.hacked=1</script><img src=x onerror=alert(1)> \"quoted\" 'single' & \u{2028}";
-
 fn wave(n: usize) -> (Vec<f64>, Vec<f64>) {
     let time_s: Vec<f64> = (0..n).map(|k| k as f64 * 1e-4).collect();
     let wave = time_s.iter().map(|t| 40.0 * (9.0 * t).sin()).collect();
     (time_s, wave)
-}
-
-/// Every JSON block of the page, parsed.
-fn drawings(html: &str) -> Vec<serde_json::Value> {
-    html.split("<script type=\"application/json\">")
-        .skip(1)
-        .map(|rest| rest.split("</script>").next().unwrap_or_default())
-        .map(|json| serde_json::from_str(json).expect("chart data are JSON"))
-        .collect()
-}
-
-/// Nothing on the page may name another place: only uPlot's own banner has an address, in a comment.
-fn assert_fetches_nothing(html: &str) {
-    let banner = "/*! https://github.com/leeoniya/uPlot (v1.6.32) */";
-    assert_eq!(html.matches(banner).count(), 1);
-    let rest = html.replace(banner, "");
-    for scheme in
-        ["http://", "https://", "@import", "url(", "<iframe", "<object", "XMLHttpRequest", "fetch(", "WebSocket"]
-    {
-        assert!(!rest.contains(scheme), "{scheme}");
-    }
-    assert!(html.contains("default-src 'none'"));
-    assert!(html.contains("<noscript>"));
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Lines in residuals: frequencies at which all logs together hold more power than their neighbourhood, drive or no drive.
 
 use super::bench::Bench;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 
 /// Zero-padding, so that a line between two bins is not missed.
 const PADDING: usize = 2;
@@ -19,21 +19,25 @@ const BINS: usize = 1 << 15;
 pub fn lines(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
     let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
     let mut total = vec![0.0; BINS];
-    let mut planner = FftPlanner::new();
+    let mut planner = RealFftPlanner::<f64>::new();
     for (record, residual_m) in bench.records.iter().zip(residuals_m) {
         let n = residual_m.len();
         let size = (PADDING * n).next_power_of_two();
         let mean = residual_m.iter().sum::<f64>() / n.max(1) as f64;
-        let mut buffer: Vec<Complex<f64>> = residual_m
+        let mut tapered: Vec<f64> = residual_m
             .iter()
             .enumerate()
             .map(|(k, r)| {
                 let hann = 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / n as f64).cos();
-                Complex::new((r - mean) * hann / record.noise_m, 0.0)
+                (r - mean) * hann / record.noise_m
             })
             .collect();
-        buffer.resize(size, Complex::new(0.0, 0.0));
-        planner.plan_fft_forward(size).process(&mut buffer);
+        tapered.resize(size, 0.0);
+        let fft = planner.plan_fft_forward(size);
+        let mut buffer = fft.make_output_vec();
+        if fft.process(&mut tapered, &mut buffer).is_err() {
+            continue;
+        }
         let per_bin = 1.0 / (size as f64 * record.log.dt_s);
         for (bin, sum) in total.iter_mut().enumerate() {
             let hz = highest_hz * bin as f64 / BINS as f64;

@@ -31,6 +31,10 @@ impl Axis {
         Self { log: true, ..Self::new(label, unit) }
     }
 
+    pub(super) fn unit(&self) -> &str {
+        &self.unit
+    }
+
     /// As on paper: `displacement, µm`.
     pub(super) fn title(&self) -> String {
         match self.unit.as_str() {

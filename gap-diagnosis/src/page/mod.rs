@@ -1,14 +1,19 @@
 //! Self-contained HTML pages with plots: one file, readable offline, no request to anywhere.
 //!
-//! [`Page`] is the sheet, [`Chart`] a plot on it. The builders [`simulation_page`], [`replay_page`] and [`identify_page`] take plain
-//! slices and lay out what the commands of the same name show; a report of another kind puts its own page together from the same parts.
+//! [`Page`] is the sheet, [`Chart`] a plot on it. The builders [`simulation_page`], [`replay_page`], [`identify_page`] and
+//! [`diagnosis_page`] take plain data and lay out what the commands of the same name show; a report of another kind puts its own page
+//! together from the same parts.
 //!
 //! What this module does not do: compute. It thins, rounds and subtracts; autocorrelations, spectra and fits come from the caller.
 //! Names and texts may come from anybody's log file: everything goes through one escape function, and the page's content security
 //! policy lets no script run but its own.
 
+mod bars;
 mod chart;
+mod diagnosis;
+mod heat;
 mod identify;
+mod location;
 mod number;
 mod replay;
 mod simulation;
@@ -18,7 +23,13 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 use std::path::Path;
 
+pub use bars::{BarItem, BarList, Share};
 pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
+pub use diagnosis::{
+    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
+    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
+};
+pub use heat::{HeatMap, HeatScale, Strip};
 pub use identify::{FittedLog, FittedParameter, IdentifyView, StartView, identify_page};
 pub use number::four_digits;
 pub use replay::{ReplayView, SpectrumView, replay_page};
@@ -43,17 +54,6 @@ pub struct Page {
     warnings: Vec<String>,
     blocks: Vec<Block>,
     provenance: Vec<String>,
-}
-
-/// A part of a stacked bar, see [`Page::bar`].
-#[derive(Debug, Clone, Copy)]
-pub struct Share<'a> {
-    /// What it is.
-    pub label: &'a str,
-    /// How much, not negative.
-    pub value: f64,
-    /// Its colour.
-    pub ink: Ink,
 }
 
 #[derive(Debug, Clone)]
@@ -117,11 +117,10 @@ impl Page {
 
     /// A table; columns of numbers are set flush right.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<String>]) -> &mut Self {
-        // Column by column, header included; dashes stand for missing numbers and have no say.
+        // Column by column, header included; dashes stand for missing numbers.
         let is_right = |column_idx: usize| {
-            let mut cells =
-                rows.iter().filter_map(|row| row.get(column_idx)).filter(|cell| cell.as_str() != "–").peekable();
-            cells.peek().is_some() && cells.all(|cell| starts_as_number(cell))
+            let mut cells = rows.iter().filter_map(|row| row.get(column_idx)).filter(|cell| cell.as_str() != "–");
+            !rows.is_empty() && cells.all(|cell| starts_as_number(cell))
         };
         let class = |column_idx: usize| {
             if is_right(column_idx) { " class=\"number\"" } else { "" }
@@ -148,36 +147,6 @@ impl Page {
         self.html(format!(
             "<p class=\"caption\">{caption}</p>\n<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table>\
              <thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>\n",
-            caption = escape(caption)
-        ))
-    }
-
-    /// A whole split into its parts, as one bar with a legend: e.g. a gap into noise, explained and unexplained.
-    ///
-    /// Parts that are not finite or not positive take no room in the bar but keep their line in the legend.
-    pub fn bar(&mut self, caption: &str, unit: &str, shares: &[Share<'_>]) -> &mut Self {
-        let length = |share: &Share<'_>| {
-            if share.value.is_finite() { share.value.max(0.0) } else { 0.0 }
-        };
-        let total: f64 = shares.iter().map(length).sum();
-        let mut at_percent = 0.0;
-        let mut parts = String::new();
-        let mut keys = String::new();
-        for share in shares {
-            let percent = if total > 0.0 { 100.0 * length(share) / total } else { 0.0 };
-            let ink = share.ink.class();
-            parts += &format!(
-                "<rect class=\"{ink}\" x=\"{at_percent:.3}%\" y=\"0\" width=\"{percent:.3}%\" height=\"100%\"></rect>"
-            );
-            keys += &format!(
-                "<li><i class=\"swatch block {ink}\"></i>{}: {} ({percent:.0} %)</li>",
-                escape(share.label),
-                escape(&four_digits(share.value, unit))
-            );
-            at_percent += percent;
-        }
-        self.html(format!(
-            "<figure class=\"bar\"><figcaption>{caption}</figcaption><svg role=\"img\" aria-label=\"{caption}\">{parts}</svg><ul>{keys}</ul></figure>\n",
             caption = escape(caption)
         ))
     }

@@ -7,9 +7,14 @@ pub fn four_digits(value: f64, unit: &str) -> String {
     significant(value, 4, unit)
 }
 
-/// A standard deviation in percent: two digits, because it is itself known to a tenth at best.
+/// A standard deviation: two digits, because it is itself known to a tenth at best.
+pub(super) fn two_digits(sigma: f64, unit: &str) -> String {
+    significant(sigma, 2, unit)
+}
+
+/// A relative standard deviation in percent.
 pub(super) fn percent_of_sigma(sigma: f64) -> String {
-    significant(100.0 * sigma, 2, "%")
+    two_digits(100.0 * sigma, "%")
 }
 
 fn significant(value: f64, n_digits: usize, unit: &str) -> String {
@@ -23,6 +28,29 @@ fn significant(value: f64, n_digits: usize, unit: &str) -> String {
         "°" => format!("{number}°"),
         _ => format!("{number} {unit}"),
     }
+}
+
+/// A tick's or an edge's number: at most three significant digits, no zeros behind the point.
+pub(super) fn three_digits(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    let short = rounded(value, 3);
+    let is_plain = short == 0.0 || (1e-3..1e5).contains(&short.abs());
+    let text = if is_plain { short.to_string() } else { plain_or_scientific(short, 2) };
+    text.replace('-', "−")
+}
+
+/// A share in percent: whole numbers above ten, two digits below, so that a small part is not called none.
+pub(super) fn short_percent(percent: f64) -> String {
+    match percent {
+        _ if !percent.is_finite() => "–".to_owned(),
+        _ if percent.abs() >= 9.95 || percent == 0.0 => format!("{percent:.0} %"),
+        _ if percent.abs() >= 0.095 => format!("{percent:.1} %"),
+        _ if percent.abs() >= 0.0095 => format!("{percent:.2} %"),
+        _ => "< 0.01 %".to_owned(),
+    }
+    .replace('-', "−")
 }
 
 /// Rounds to `n_digits` significant digits, so that JSON carries what a plot can show and no more.
@@ -96,6 +124,18 @@ mod tests {
         assert_eq!(percent_of_sigma(0.0012), "0.12 %");
         assert_eq!(percent_of_sigma(0.413), "41 %");
         assert_eq!(percent_of_sigma(f64::NAN), "–");
+    }
+
+    #[test]
+    fn ticks_and_shares_are_short() {
+        assert_eq!(
+            [0.0, -25.0, 376.99, 0.1254, 2.0, 38_000.0, 1.2e6, -4e-5].map(three_digits),
+            ["0", "−25", "377", "0.125", "2", "38000", "1.2×10⁶", "−4.0×10⁻⁵"]
+        );
+        assert_eq!(
+            [0.0, 99.6, 12.34, 3.21, 0.04, 1e-9].map(short_percent),
+            ["0 %", "100 %", "12 %", "3.2 %", "0.04 %", "< 0.01 %"]
+        );
     }
 
     #[test]
