@@ -59,14 +59,16 @@ impl Chain {
         for (i, (_, tau_s)) in self.elements.iter().enumerate() {
             memory[16 + i] = (-h_s / tau_s).exp();
         }
+        memory[31] = h_s;
         memory
     }
 
     /// Advances all elements under a constant input and returns their weighted sum.
-    pub(crate) fn step(&self, memory: &mut Memory, input: f64) -> f64 {
+    pub(crate) fn step(&self, memory: &mut Memory, input: f64, h_s: f64) -> f64 {
         let mut sum = 0.0;
-        for (i, (gain, _)) in self.elements.iter().enumerate() {
-            memory[i] = input + (memory[i] - input) * memory[16 + i];
+        for (i, (gain, tau_s)) in self.elements.iter().enumerate() {
+            let decay = if h_s == memory[31] { memory[16 + i] } else { (-h_s / tau_s).exp() };
+            memory[i] = input + (memory[i] - input) * decay;
             sum += gain * memory[i];
         }
         sum
@@ -92,9 +94,9 @@ impl Drive {
         let mut memory = [0.0; 32];
         match self {
             Drive::Lag { tau_s } | Drive::TimeWarming { tau_s, .. } | Drive::PowerWarming { tau_s, .. } => {
-                memory[3] = (-h_s / tau_s).exp()
+                (memory[3], memory[4]) = ((-h_s / tau_s).exp(), h_s)
             }
-            Drive::Shelf { corner_s, .. } => memory[3] = (-h_s / corner_s).exp(),
+            Drive::Shelf { corner_s, .. } => (memory[3], memory[4]) = ((-h_s / corner_s).exp(), h_s),
             Drive::Creep(chain) => return chain.begin(h_s),
             _ => {}
         }
@@ -105,11 +107,11 @@ impl Drive {
     pub(crate) fn step(&self, m: &mut Memory, u: f64, h_s: f64) -> f64 {
         match self {
             Drive::Gain(gain) => gain * u,
-            Drive::Shelf { gain, loss, .. } => {
-                let slow = lag(m, u);
+            Drive::Shelf { gain, loss, corner_s } => {
+                let slow = lag(m, u, *corner_s, h_s);
                 u + (gain - 1.0) * (u + loss * (slow - u))
             }
-            Drive::Lag { .. } => lag(m, u),
+            Drive::Lag { tau_s } => lag(m, u, *tau_s, h_s),
             Drive::SecondOrder { rad_per_s, damping_ratio } => {
                 let (mut x, mut rate) = (m[0], m[1]);
                 let mid = second_order(&mut x, &mut rate, u, *rad_per_s, *damping_ratio, h_s);
@@ -152,26 +154,28 @@ impl Drive {
                 let centre = (shift_v / level_v).tanh();
                 level_v * (((u + shift_v) / level_v).tanh() - centre) / (1.0 - centre * centre)
             }
-            Drive::TimeWarming { gain, .. } => u * (1.0 + gain * lag(m, 1.0)),
-            Drive::PowerWarming { gain, .. } => {
+            Drive::TimeWarming { gain, tau_s } => u * (1.0 + gain * lag(m, 1.0, *tau_s, h_s)),
+            Drive::PowerWarming { gain, tau_s } => {
                 let power = (u * (u - m[1])).abs() / (h_s * WARMING_REFERENCE_V2_PER_S);
                 m[1] = u;
-                u * (1.0 + gain * lag(m, power))
+                u * (1.0 + gain * lag(m, power, *tau_s, h_s))
             }
             Drive::Ageing { per_decade, t0_s } => {
                 m[0] += h_s;
                 u * (1.0 - per_decade * (m[0] / t0_s).ln_1p() / std::f64::consts::LN_10)
             }
-            Drive::Creep(chain) => u + chain.step(m, u),
+            Drive::Creep(chain) => u + chain.step(m, u, h_s),
         }
     }
 }
 
-/// Exact first-order lag with its decay in `m[3]`; returns the mean of the ends.
-fn lag(m: &mut Memory, u: f64) -> f64 {
-    let before = m[0];
-    m[0] = u + (before - u) * m[3];
-    0.5 * (before + m[0])
+/// Exact first-order lag, its decay over the usual step kept in `m[3]`; returns the mean over the step.
+fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
+    let decay = if h_s == m[4] { m[3] } else { (-h_s / tau_s).exp() };
+    let change = (m[0] - u) * (decay - 1.0);
+    m[0] += change;
+    // The integral of the lag's own equation: mean = u - tau (end - start) / h.
+    u - tau_s * change / h_s
 }
 
 fn advance(m: &mut Memory, change: f64) -> f64 {

@@ -20,6 +20,8 @@ mod drive;
 mod effects;
 mod forms;
 mod hysteron;
+#[cfg(test)]
+mod integrator_tests;
 mod nominal;
 mod plan;
 mod record;

@@ -48,6 +48,7 @@ pub(crate) fn static_gain_m_per_v() -> f64 {
 }
 
 /// Nominal numbers.
+#[cfg(test)]
 pub(crate) fn nominal() -> Numbers {
     TABLE
 }

@@ -81,7 +81,9 @@ impl Follow {
                 x - lost + (-at_m).clamp(-half_m, *half_m)
             }
             Follow::DriveMode { m_per_v, hz, damping_ratio } => {
-                x + m_per_v * follow(m, drive_v, TAU * hz, *damping_ratio, h_s)
+                // The voltage's mean belongs to a kick, which ends half a step before this position.
+                let shape = follow(m, drive_v, TAU * hz, *damping_ratio, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
             }
             Follow::ArmMode { share, hz, damping_ratio } => {
                 let mean = 0.5 * (m[2] + x);
@@ -202,7 +204,7 @@ impl Measure {
                 // The mean of two rows is the input between them, to second order.
                 let mean = 0.5 * (m[15] + x);
                 m[15] = x;
-                x + chain.step(m, mean)
+                x + chain.step(m, mean, row.period_s)
             }
             Measure::CrossAxis { m: size, mean_dwell_s, tau_s } => {
                 if rng.random::<f64>() < row.period_s / mean_dwell_s {

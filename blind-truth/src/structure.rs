@@ -146,34 +146,62 @@ impl Force {
         }
     }
 
-    /// Velocity after dry friction, given the velocity `free` that the step would reach without it.
+    /// Energy stored in the part, in joules, for the power balance of the parts that dissipate.
+    #[cfg(test)]
+    pub(crate) fn energy_j(&self, m: &Memory, q: f64) -> f64 {
+        match self {
+            Force::Bristle { n_per_m, .. } => 0.5 * n_per_m * m[0] * m[0],
+            Force::HuntCrossley { n_per_m15, gap_m, .. } => 0.4 * n_per_m15 * (q - gap_m).max(0.0).powf(2.5),
+            Force::TwoStops { n_per_m, gap_m, .. } => 0.5 * n_per_m * (q.abs() - gap_m).max(0.0).powi(2),
+            Force::Absorber { kg, hz, .. } => {
+                let stretch = TAU * hz * (m[0] - q);
+                0.5 * kg * (m[1] * m[1] + stretch * stretch)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Velocity after dry friction, given that before the step and the one that the step would reach without friction.
     ///
-    /// Implicit in the new velocity: a mass whose free velocity is below the friction's impulse stops and stays
-    /// stopped. `h_over_m` is step over mass.
+    /// Coulomb is exact for a force that is constant over the step: the mass slows down, stops within the step if it
+    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms stay
+    /// below that. `h_over_m` is step over mass.
     #[inline]
-    pub(crate) fn rub(&self, free: f64, h_over_m: f64) -> f64 {
+    pub(crate) fn rub(&self, before: f64, free: f64, h_over_m: f64) -> f64 {
         match self {
             Force::Coulomb { n } => {
                 let impulse = n * h_over_m;
-                if free.abs() <= impulse { 0.0 } else { free - impulse * free.signum() }
+                let push = free - before;
+                let way = if before == 0.0 { push.signum() } else { before.signum() };
+                let sliding = free - impulse * way;
+                if before != 0.0 && sliding * way > 0.0 {
+                    return sliding;
+                }
+                if push.abs() <= impulse {
+                    return 0.0;
+                }
+                // It stops after this share of the step, and the rest of the push takes it along.
+                let stopped_at = if before == 0.0 { 0.0 } else { before / (before - sliding) };
+                (push - impulse * push.signum()) * (1.0 - stopped_at)
             }
             Force::TanhFriction { n, w_m_per_s } => {
-                let impulse = n * h_over_m;
-                // x + c tanh(x/ws) = free has one root, between free - c and free; Newton with bisection as its guard.
-                let (mut low, mut high) = (free - impulse, free + impulse);
-                let mut x = free / (1.0 + impulse / w_m_per_s);
+                let half = 0.5 * n * h_over_m;
+                let goal = free - half * (before / w_m_per_s).tanh();
+                // x + c tanh(x/ws) = goal has one root, within c of it; Newton with bisection as its guard.
+                let (mut low, mut high) = (goal - half, goal + half);
+                let mut x = goal / (1.0 + half / w_m_per_s);
                 for _ in 0..30 {
                     let t = (x / w_m_per_s).tanh();
-                    let miss = x + impulse * t - free;
+                    let miss = x + half * t - goal;
                     if miss.abs() < 1e-15 {
                         break;
                     }
                     if miss > 0.0 {
-                        high = x
+                        high = x;
                     } else {
-                        low = x
+                        low = x;
                     }
-                    let next = x - miss / (1.0 + impulse * (1.0 - t * t) / w_m_per_s);
+                    let next = x - miss / (1.0 + half * (1.0 - t * t) / w_m_per_s);
                     x = if next > low && next < high { next } else { 0.5 * (low + high) };
                 }
                 x
