@@ -1,0 +1,355 @@
+//! Forms of the mechanical effects.
+
+use super::{C, CR, D, DC, DCR, Form, Planted, R, STROKE_M, log_uniform, sign};
+use crate::bench::Bench;
+use crate::effects::EffectId::*;
+use crate::nominal::static_gain_m_per_v;
+use crate::sensor::Follow;
+use crate::structure::Force;
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+pub(super) const FORMS: &[Form] = &[
+    Form { effect: VibrationMode, name: "beside the main mode", splits: DC, draw: mode_drive },
+    Form { effect: VibrationMode, name: "target on an arm", splits: DC, draw: mode_arm },
+    Form { effect: VibrationMode, name: "second mass that reacts", splits: CR, draw: mode_absorber },
+    Form { effect: VibrationMode, name: "two modes", splits: R, draw: mode_two },
+    Form { effect: NonlinearStiffness, name: "cubic", splits: DC, draw: cubic },
+    Form { effect: NonlinearStiffness, name: "fifth power", splits: C, draw: quintic },
+    Form { effect: NonlinearStiffness, name: "softens and levels off", splits: R, draw: levelling },
+    Form {
+        effect: NonlinearStiffness,
+        name: "cubic and fifth power against each other",
+        splits: R,
+        draw: cubic_quintic,
+    },
+    Form { effect: AsymmetricStiffness, name: "quadratic", splits: D, draw: quadratic },
+    Form { effect: AsymmetricStiffness, name: "bilinear", splits: DC, draw: bilinear },
+    Form { effect: AsymmetricStiffness, name: "second spring engages gradually", splits: CR, draw: engaging },
+    Form { effect: AsymmetricStiffness, name: "bilinear and quadratic", splits: R, draw: bilinear_quadratic },
+    Form { effect: CoulombFriction, name: "tanh", splits: D, draw: friction_tanh },
+    Form { effect: CoulombFriction, name: "Dahl", splits: DC, draw: friction_dahl },
+    Form { effect: CoulombFriction, name: "hard with stick", splits: CR, draw: friction_hard },
+    Form { effect: CoulombFriction, name: "LuGre with Stribeck", splits: R, draw: friction_lugre },
+    Form { effect: PayloadMass, name: "rigid", splits: DCR, draw: payload },
+    Form { effect: PayloadMass, name: "on a stiff mount", splits: C, draw: payload_mounted },
+    Form { effect: PayloadMass, name: "rigid, with some damping", splits: R, draw: payload_damped },
+    Form { effect: EndStop, name: "linear contact", splits: DC, draw: stop_linear },
+    Form { effect: EndStop, name: "Hunt-Crossley", splits: C, draw: stop_hunt_crossley },
+    Form { effect: EndStop, name: "both sides, damped", splits: R, draw: stop_two },
+    Form { effect: PeriodicForce, name: "sine", splits: DC, draw: force_sine },
+    Form { effect: PeriodicForce, name: "sine with its second harmonic", splits: C, draw: force_harmonic },
+    Form { effect: PeriodicForce, name: "sine with a slow beat", splits: R, draw: force_beat },
+    Form { effect: PeriodicForce, name: "sine above the mode", splits: R, draw: force_fast },
+    Form { effect: Backlash, name: "play", splits: DC, draw: play },
+    Form { effect: Backlash, name: "play with drag", splits: C, draw: play_soft },
+    Form { effect: Backlash, name: "lost motion across a gap", splits: R, draw: lost_motion },
+    Form { effect: Backlash, name: "two plays in a row", splits: R, draw: play_two },
+];
+
+/// Share of the static gain: -60 to -6 dB (anchors F27: -40 to -10 dB).
+const MODE: (f64, f64) = (0.001, 0.5);
+
+fn mode_hz(rng: &mut Pcg64) -> (f64, f64) {
+    (log_uniform(rng, 250.0, 1500.0), log_uniform(rng, 0.005, 0.03))
+}
+
+fn mode_drive(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::DriveMode { m_per_v, hz, damping_ratio });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_two(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), ratio) = (mode_hz(rng), rng.random_range(1.2..2.5));
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = a * static_gain_m_per_v();
+        bench.follows.push(Follow::DriveMode { m_per_v, hz, damping_ratio });
+        bench.follows.push(Follow::DriveMode { m_per_v: -0.6 * m_per_v, hz: hz * ratio, damping_ratio });
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("second_over_first_hz", ratio)
+}
+
+fn mode_arm(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    Planted::new("share", MODE, move |a, bench| {
+        bench.follows.push(Follow::ArmMode { share: sign * a, hz, damping_ratio });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_absorber(rng: &mut Pcg64) -> Planted {
+    let (hz, damping_ratio) = mode_hz(rng);
+    Planted::new("mass_share", (0.001, 0.3), move |a, bench| {
+        let kg = a * bench.mass_kg;
+        // The mass was weighed with its appendage on.
+        bench.mass_kg -= kg;
+        bench.forces.push(Force::Absorber { kg, hz, damping_ratio });
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+/// Restoring share of k at full stroke (anchors F29: 0.001 to 0.05, room on both sides).
+const NONLINEAR: (f64, f64) = (0.0005, 0.3);
+
+fn cubic_of(sign: f64) -> impl Fn(f64, &mut Bench) + Send + Sync {
+    move |a, bench| {
+        let n_per_m3 = sign * a * bench.stiffness_n_per_m / (STROKE_M * STROKE_M);
+        bench.forces.push(Force::Cubic { n_per_m3 });
+    }
+}
+
+fn cubic(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k3_over_k_at_stroke", NONLINEAR, cubic_of(sign)).with("sign", sign)
+}
+
+fn quintic(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k5_over_k_at_stroke", NONLINEAR, move |a, bench| {
+        let n_per_m5 = sign * a * bench.stiffness_n_per_m / STROKE_M.powi(4);
+        bench.forces.push(Force::Quintic { n_per_m5 });
+    })
+    .with("sign", sign)
+}
+
+fn cubic_quintic(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k3_over_k_at_stroke", NONLINEAR, move |a, bench| {
+        cubic_of(sign)(a, bench);
+        let n_per_m5 = -0.5 * sign * a * bench.stiffness_n_per_m / STROKE_M.powi(4);
+        bench.forces.push(Force::Quintic { n_per_m5 });
+    })
+    .with("sign", sign)
+}
+
+fn levelling(rng: &mut Pcg64) -> Planted {
+    let at_m = rng.random_range(30e-6..80e-6);
+    Planted::new("softening_share", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Levelling { n_per_m: a * bench.stiffness_n_per_m, at_m });
+    })
+    .with("at_um", at_m * 1e6)
+}
+
+fn quadratic_of(sign: f64, share: f64) -> impl Fn(f64, &mut Bench) + Send + Sync {
+    move |a, bench| {
+        bench.forces.push(Force::Quadratic { n_per_m2: sign * share * a * bench.stiffness_n_per_m / STROKE_M });
+    }
+}
+
+fn bilinear_of(sign: f64) -> impl Fn(f64, &mut Bench) + Send + Sync {
+    move |a, bench| bench.forces.push(Force::Bilinear { n_per_m: sign * a * bench.stiffness_n_per_m })
+}
+
+fn quadratic(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k2_over_k_at_stroke", NONLINEAR, quadratic_of(sign, 1.0)).with("sign", sign)
+}
+
+fn bilinear(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("difference_over_k", NONLINEAR, bilinear_of(sign)).with("sign", sign)
+}
+
+fn bilinear_quadratic(rng: &mut Pcg64) -> Planted {
+    let (sign, share) = (sign(rng), rng.random_range(0.2..0.8));
+    Planted::new("difference_over_k", NONLINEAR, move |a, bench| {
+        bilinear_of(sign)(a, bench);
+        quadratic_of(sign, share)(a, bench);
+    })
+    .with("sign", sign)
+    .with("quadratic_over_bilinear", share)
+}
+
+fn engaging(rng: &mut Pcg64) -> Planted {
+    let (at_m, over_m) = (rng.random_range(-20e-6..40e-6), rng.random_range(5e-6..25e-6));
+    Planted::new("difference_over_k", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Engaging { n_per_m: a * bench.stiffness_n_per_m, at_m, over_m });
+    })
+    .with("at_um", at_m * 1e6)
+    .with("over_um", over_m * 1e6)
+}
+
+/// Anchors F30: 0.1 to 5 % of the blocking force, which is 2.8 N at 60 V; less still shows at 10 nm of noise.
+const FRICTION_N: (f64, f64) = (5e-4, 0.2);
+
+fn friction_tanh(rng: &mut Pcg64) -> Planted {
+    let w_m_per_s = log_uniform(rng, 2e-4, 2e-3);
+    Planted::new("force_N", FRICTION_N, move |a, bench| {
+        bench.forces.push(Force::TanhFriction { n: a, w_m_per_s });
+    })
+    .with("transition_m_per_s", w_m_per_s)
+}
+
+fn friction_hard(_: &mut Pcg64) -> Planted {
+    Planted::new("force_N", FRICTION_N, |a, bench| bench.forces.push(Force::Coulomb { n: a }))
+}
+
+fn bristle(rng: &mut Pcg64, static_ratio: f64, stribeck_m_per_s: f64) -> Planted {
+    let presliding_m = log_uniform(rng, 0.2e-6, 3e-6);
+    Planted::new("force_N", FRICTION_N, move |a, bench| {
+        bench.forces.push(Force::Bristle {
+            coulomb_n: a,
+            static_n: static_ratio * a,
+            stribeck_m_per_s,
+            n_per_m: a / presliding_m,
+        });
+    })
+    .with("presliding_um", presliding_m * 1e6)
+    .with("static_over_coulomb", static_ratio)
+    .with("stribeck_m_per_s", stribeck_m_per_s)
+}
+
+fn friction_dahl(rng: &mut Pcg64) -> Planted {
+    bristle(rng, 1.0, 1.0)
+}
+
+fn friction_lugre(rng: &mut Pcg64) -> Planted {
+    let (static_ratio, stribeck_m_per_s) = (rng.random_range(1.2..1.7), log_uniform(rng, 5e-4, 5e-3));
+    bristle(rng, static_ratio, stribeck_m_per_s)
+}
+
+/// Anchors F28 has 0.05 to 1; less is within what a weighing error could be.
+const PAYLOAD: (f64, f64) = (0.15, 0.6);
+
+fn payload(_: &mut Pcg64) -> Planted {
+    Planted::new("mass_share", PAYLOAD, |a, bench| bench.mass_kg *= 1.0 + a).as_drawn()
+}
+
+fn payload_mounted(rng: &mut Pcg64) -> Planted {
+    let hz = log_uniform(rng, 6e3, 12e3);
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        bench.forces.push(Force::Absorber { kg: a * bench.mass_kg, hz, damping_ratio: 0.05 });
+    })
+    .with("mount_hz", hz)
+    .as_drawn()
+}
+
+fn payload_damped(rng: &mut Pcg64) -> Planted {
+    let damping = rng.random_range(0.02..0.06);
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        bench.mass_kg *= 1.0 + a;
+        bench.damping_n_s_per_m *= 1.0 + damping;
+    })
+    .with("damping_share", damping)
+    .as_drawn()
+}
+
+/// How far the stop reaches into the stroke; 60 V make about 105 um when slow.
+const STOP: (f64, f64) = (0.005, 0.6);
+
+fn stop_gap_m(reach: f64) -> f64 {
+    1.05 * STROKE_M * (1.0 - reach)
+}
+
+fn stop_linear(rng: &mut Pcg64) -> Planted {
+    let ratio = log_uniform(rng, 0.5, 5.0);
+    Planted::new("reach_share", STOP, move |a, bench| {
+        bench.forces.push(Force::Stop { n_per_m: ratio * bench.stiffness_n_per_m, gap_m: stop_gap_m(a) });
+    })
+    .with("contact_over_k", ratio)
+}
+
+fn stop_hunt_crossley(rng: &mut Pcg64) -> Planted {
+    let (ratio, s_per_m) = (log_uniform(rng, 1.0, 8.0), log_uniform(rng, 0.5, 5.0));
+    Planted::new("reach_share", STOP, move |a, bench| {
+        // As stiff as a linear contact at a depth of 10 um.
+        let n_per_m15 = ratio * bench.stiffness_n_per_m / 10e-6_f64.sqrt();
+        bench.forces.push(Force::HuntCrossley { n_per_m15, gap_m: stop_gap_m(a), s_per_m });
+    })
+    .with("contact_over_k_at_10_um", ratio)
+    .with("damping_s_per_m", s_per_m)
+}
+
+fn stop_two(rng: &mut Pcg64) -> Planted {
+    let (ratio, drag) = (log_uniform(rng, 0.3, 3.0), rng.random_range(0.2..2.0));
+    Planted::new("reach_share", STOP, move |a, bench| {
+        bench.forces.push(Force::TwoStops {
+            n_per_m: ratio * bench.stiffness_n_per_m,
+            gap_m: stop_gap_m(a),
+            n_s_per_m: drag * bench.damping_n_s_per_m,
+        });
+    })
+    .with("contact_over_k", ratio)
+    .with("drag_over_b", drag)
+}
+
+/// A frequency that is no line of the mains: at least 3 Hz from every multiple of 50 and 60 Hz.
+fn off_mains_hz(rng: &mut Pcg64, low: f64, high: f64) -> f64 {
+    loop {
+        let hz = log_uniform(rng, low, high);
+        let far = |mains: f64| (hz - mains * (hz / mains).round()).abs() > 3.0 || hz < mains / 2.0;
+        if far(50.0) && far(60.0) {
+            return hz;
+        }
+    }
+}
+
+fn force_of(hz: f64, second: f64, beat_hz: f64) -> Planted {
+    Planted::new("force_N", (2e-4, 0.3), move |a, bench| {
+        bench.forces.push(Force::Periodic { n: a, hz, second, beat_hz });
+    })
+    .with("hz", hz)
+    .with("second_harmonic", second)
+    .with("beat_hz", beat_hz)
+}
+
+fn force_sine(rng: &mut Pcg64) -> Planted {
+    force_of(off_mains_hz(rng, 8.0, 300.0), 0.0, 0.0)
+}
+
+fn force_harmonic(rng: &mut Pcg64) -> Planted {
+    let hz = off_mains_hz(rng, 8.0, 150.0);
+    force_of(hz, rng.random_range(0.2..0.6), 0.0)
+}
+
+fn force_beat(rng: &mut Pcg64) -> Planted {
+    let hz = off_mains_hz(rng, 15.0, 300.0);
+    force_of(hz, 0.0, rng.random_range(0.4..2.0))
+}
+
+fn force_fast(rng: &mut Pcg64) -> Planted {
+    force_of(off_mains_hz(rng, 900.0, 1500.0), 0.0, 0.0)
+}
+
+/// Anchors F31: 0.01 to 1 um.
+const PLAY_M: (f64, f64) = (0.01e-6, 4e-6);
+
+fn play(_: &mut Pcg64) -> Planted {
+    Planted::new("half_width_m", PLAY_M, |a, bench| bench.follows.push(Follow::Play { half_m: a }))
+}
+
+fn play_soft(rng: &mut Pcg64) -> Planted {
+    let tau_s = log_uniform(rng, 0.05, 1.0);
+    Planted::new("half_width_m", PLAY_M, move |a, bench| {
+        bench.follows.push(Follow::SoftPlay { half_m: a, tau_s });
+    })
+    .with("tau_s", tau_s)
+}
+
+fn play_two(rng: &mut Pcg64) -> Planted {
+    let share = rng.random_range(0.2..0.8);
+    Planted::new("half_width_m", PLAY_M, move |a, bench| {
+        bench.follows.push(Follow::Play { half_m: a });
+        bench.follows.push(Follow::Play { half_m: share * a });
+    })
+    .with("second_over_first", share)
+}
+
+fn lost_motion(rng: &mut Pcg64) -> Planted {
+    let at_m = rng.random_range(-30e-6..30e-6);
+    Planted::new("half_width_m", PLAY_M, move |a, bench| {
+        bench.follows.push(Follow::LostMotion { half_m: a, at_m });
+    })
+    .with("at_um", at_m * 1e6)
+}

@@ -1,0 +1,117 @@
+//! Forms of the errors in time and of the link.
+
+use super::{C, CR, D, DC, DCR, Form, Planted, R, log_uniform, sign};
+use crate::bench::Jitter;
+use crate::drive::Drive;
+use crate::effects::EffectId::*;
+use crate::sensor::Digitise;
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+pub(super) const FORMS: &[Form] = &[
+    Form { effect: TransportDelay, name: "of the command", splits: DC, draw: delay_command },
+    Form { effect: TransportDelay, name: "of the measurement", splits: CR, draw: delay_measurement },
+    Form { effect: TransportDelay, name: "all-pass of second order", splits: R, draw: delay_all_pass },
+    Form { effect: SamplingJitter, name: "uniform", splits: D, draw: jitter_uniform },
+    Form { effect: SamplingJitter, name: "Gaussian", splits: DC, draw: jitter_gaussian },
+    Form { effect: SamplingJitter, name: "some rows late", splits: CR, draw: jitter_late },
+    Form { effect: LostSamples, name: "rows repeat the one before", splits: DC, draw: lost_rows },
+    Form { effect: LostSamples, name: "commands not applied", splits: CR, draw: lost_commands },
+    Form { effect: LostSamples, name: "runs of rows repeat the one before", splits: R, draw: lost_runs },
+    Form { effect: ClockError, name: "constant", splits: DCR, draw: clock_constant },
+    Form { effect: ClockError, name: "growing", splits: C, draw: clock_growing },
+    Form { effect: ClockError, name: "swinging", splits: R, draw: clock_swinging },
+];
+
+const DELAY_S: (f64, f64) = (1e-6, 4e-4);
+
+fn delay_command(_: &mut Pcg64) -> Planted {
+    Planted::new("delay_s", DELAY_S, |a, bench| bench.timing.command_delay_s = a)
+}
+
+fn delay_measurement(_: &mut Pcg64) -> Planted {
+    Planted::new("delay_s", DELAY_S, |a, bench| bench.timing.measure_delay_s = a)
+}
+
+fn delay_all_pass(_: &mut Pcg64) -> Planted {
+    Planted::new("delay_s", (5e-6, 4e-4), |a, bench| bench.drives.push(Drive::AllPass { delay_s: a }))
+}
+
+/// Jitter adds in rms over moving rows only, and more than a third of a row is no jitter.
+const JITTER: (f64, f64) = (2.0, 15.0);
+
+fn jitter_uniform(_: &mut Pcg64) -> Planted {
+    Planted::new("half_width_s", (5e-7, 2e-5), |a, bench| {
+        bench.timing.jitter = Some(Jitter::Uniform { half_s: a });
+    })
+    .band(JITTER.0, JITTER.1)
+}
+
+fn jitter_gaussian(_: &mut Pcg64) -> Planted {
+    Planted::new("rms_s", (3e-7, 1e-5), |a, bench| bench.timing.jitter = Some(Jitter::Gaussian { rms_s: a }))
+        .band(JITTER.0, JITTER.1)
+}
+
+fn jitter_late(rng: &mut Pcg64) -> Planted {
+    let one_in = log_uniform(rng, 3.0, 15.0);
+    Planted::new("mean_s", (1e-6, 2e-5), move |a, bench| {
+        bench.timing.jitter = Some(Jitter::RareLate { one_in, mean_s: a });
+    })
+    .with("one_in", one_in)
+    .band(JITTER.0, JITTER.1)
+}
+
+const LOST: (f64, f64) = (2.0, 20.0);
+
+fn lost_rows(_: &mut Pcg64) -> Planted {
+    Planted::new("probability", (2e-4, 0.08), |a, bench| bench.digitises.push(Digitise::Repeat { probability: a }))
+        .band(LOST.0, LOST.1)
+}
+
+fn lost_runs(rng: &mut Pcg64) -> Planted {
+    let length = rng.random_range(2..=6);
+    Planted::new("probability", (1e-4, 0.03), move |a, bench| {
+        bench.digitises.push(Digitise::Burst { probability: a, length });
+    })
+    .with("rows", f64::from(length))
+    .band(LOST.0, LOST.1)
+}
+
+fn lost_commands(rng: &mut Pcg64) -> Planted {
+    let length = rng.random_range(1..=4);
+    Planted::new("probability", (2e-4, 0.08), move |a, bench| {
+        bench.timing.command_loss = Some((a, length));
+    })
+    .with("rows", f64::from(length))
+    .band(LOST.0, LOST.1)
+}
+
+/// Anchors F18: 1 to 100 ppm; a cheap oscillator reaches a few hundred.
+const CLOCK: (f64, f64) = (2e-6, 1e-3);
+
+fn clock_constant(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("ratio_error", CLOCK, move |a, bench| bench.timing.clock_error = sign * a).with("sign", sign)
+}
+
+fn clock_growing(rng: &mut Pcg64) -> Planted {
+    // The first part of a long swing is a ramp: error x t/tau.
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 1.0, 10.0));
+    Planted::new("ratio_error", CLOCK, move |a, bench| {
+        let swing_s = 200.0;
+        bench.timing.clock_swing_s = swing_s;
+        bench.timing.clock_error = sign * a * swing_s / (std::f64::consts::TAU * tau_s);
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+}
+
+fn clock_swinging(rng: &mut Pcg64) -> Planted {
+    let (sign, swing_s) = (sign(rng), log_uniform(rng, 2.0, 8.0));
+    Planted::new("ratio_error", CLOCK, move |a, bench| {
+        bench.timing.clock_swing_s = swing_s;
+        bench.timing.clock_error = sign * a;
+    })
+    .with("sign", sign)
+    .with("swing_s", swing_s)
+}

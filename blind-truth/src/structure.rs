@@ -1,0 +1,212 @@
+//! Forces on the moving mass beyond its linear spring and damper, friction with true stick included.
+//!
+//! Signs: a force here is what the part does to the mass, in newtons; q in metres, w = q' in metres per second.
+
+use crate::drive::Memory;
+use std::f64::consts::TAU;
+
+/// A part that pushes on the mass.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Force {
+    /// F = -k3 q^3 (Duffing, anchors F29). N/m^3.
+    Cubic { n_per_m3: f64 },
+    /// F = -k5 q^5. N/m^5.
+    Quintic { n_per_m5: f64 },
+    /// F = +s k q (q^2/(q0^2 + q^2)): a spring that softens and then levels off at k (1 - s).
+    Levelling { n_per_m: f64, at_m: f64 },
+    /// F = -k2 q^2 (asymmetric). N/m^2.
+    Quadratic { n_per_m2: f64 },
+    /// F = -dk q for q > 0 only: bilinear spring.
+    Bilinear { n_per_m: f64 },
+    /// F = -dk s ln(1 + exp((q - at)/s)) + its value at 0: a second spring that engages gradually.
+    Engaging { n_per_m: f64, at_m: f64, over_m: f64 },
+    /// F = -kc max(0, q - gap) (anchors F31).
+    Stop { n_per_m: f64, gap_m: f64 },
+    /// F = -kn d^1.5 (1 + c d') with d = max(0, q - gap), never pulling: Hunt and Crossley 1975.
+    HuntCrossley { n_per_m15: f64, gap_m: f64, s_per_m: f64 },
+    /// Stops on both sides, each with its damper while in contact.
+    TwoStops { n_per_m: f64, gap_m: f64, n_s_per_m: f64 },
+    /// F = -Fc sgn(w) with true stick at w = 0 (Coulomb).
+    Coulomb { n: f64 },
+    /// F = -Fc tanh(w/ws) (anchors F30, smooth).
+    TanhFriction { n: f64, w_m_per_s: f64 },
+    /// F = -s0 z, z' = w - s0 |w| z / g(w), g = Fc + (Fs - Fc) exp(-(w/ws)^2): LuGre without its viscous terms; Dahl
+    /// where Fs = Fc.
+    Bristle { coulomb_n: f64, static_n: f64, stribeck_m_per_s: f64, n_per_m: f64 },
+    /// F = -c |w|^m sgn w (anchors F5, as a force).
+    PowerDamping { n: f64, exponent: f64, w_m_per_s: f64 },
+    /// F = a sin(2 pi f t + phase), with a second harmonic and a beat (anchors F26).
+    Periodic { n: f64, hz: f64, second: f64, beat_hz: f64 },
+    /// A mass m2 on a spring and damper: the mode that reacts on the structure.
+    Absorber { kg: f64, hz: f64, damping_ratio: f64 },
+    /// F = -a k cos(2 pi f t) q: parametric resonance.
+    Pumped { n_per_m: f64, hz: f64 },
+    /// Where the inertia's pull -M w' exceeds the preload, the excess of it is not carried: F = -s max(0, ...) with w'
+    /// taken from the spring, -k q/M (foreign).
+    PreloadGap { preload_n: f64, n_per_m: f64, share: f64 },
+    /// F = -dk (t/tau / (1 + t/tau)) q: stiffness that moves with a warming bench.
+    WarmingSpring { n_per_m: f64, tau_s: f64 },
+}
+
+impl Force {
+    /// Memory at the start; `phase_rad` is random per log.
+    pub(crate) fn begin(&self, phase_rad: f64) -> Memory {
+        let mut memory = [0.0; 32];
+        if matches!(self, Force::Periodic { .. } | Force::Pumped { .. }) {
+            memory[0] = phase_rad;
+        }
+        memory
+    }
+
+    /// Whether the force depends on the velocity, so that a step needs its corrector.
+    pub(crate) fn feels_velocity(&self) -> bool {
+        matches!(
+            self,
+            Force::HuntCrossley { .. } | Force::TwoStops { .. } | Force::PowerDamping { .. } | Force::Absorber { .. }
+        )
+    }
+
+    /// Dry friction is solved with the step, not before it; see `Bench`.
+    pub(crate) fn is_dry(&self) -> bool {
+        matches!(self, Force::Coulomb { .. } | Force::TanhFriction { .. })
+    }
+
+    /// Force at position `q`, velocity `w`, time `t_s` since the first row.
+    #[inline]
+    pub(crate) fn newtons(&self, m: &Memory, q: f64, w: f64, t_s: f64) -> f64 {
+        match self {
+            Force::Cubic { n_per_m3 } => -n_per_m3 * q * q * q,
+            Force::Quintic { n_per_m5 } => -n_per_m5 * q * q * q * q * q,
+            Force::Levelling { n_per_m, at_m } => n_per_m * q * (q * q / (at_m * at_m + q * q)),
+            Force::Quadratic { n_per_m2 } => -n_per_m2 * q * q,
+            Force::Bilinear { n_per_m } => -n_per_m * q.max(0.0),
+            Force::Engaging { n_per_m, at_m, over_m } => {
+                let soft = |q: f64| over_m * ((q - at_m) / over_m).exp().ln_1p();
+                -n_per_m * (soft(q) - soft(0.0))
+            }
+            Force::Stop { n_per_m, gap_m } => -n_per_m * (q - gap_m).max(0.0),
+            Force::HuntCrossley { n_per_m15, gap_m, s_per_m } => {
+                let depth = (q - gap_m).max(0.0);
+                -n_per_m15 * depth * depth.sqrt() * (1.0 + s_per_m * w).max(0.0)
+            }
+            Force::TwoStops { n_per_m, gap_m, n_s_per_m } => {
+                let depth = q.abs() - gap_m;
+                if depth <= 0.0 {
+                    return 0.0;
+                }
+                let outward = w * q.signum();
+                -q.signum() * (n_per_m * depth + n_s_per_m * outward).max(0.0)
+            }
+            Force::Bristle { n_per_m, .. } => -n_per_m * m[0],
+            Force::PowerDamping { n, exponent, w_m_per_s } => -n * w.signum() * (w.abs() / w_m_per_s).powf(*exponent),
+            Force::Periodic { n, hz, second, beat_hz, .. } => {
+                let angle = TAU * hz * t_s + m[0];
+                let envelope = if *beat_hz > 0.0 { 1.0 + 0.4 * (TAU * beat_hz * t_s + 2.0 * m[0]).sin() } else { 1.0 };
+                n * envelope * (angle.sin() + second * (2.0 * angle).sin())
+            }
+            Force::Absorber { kg, hz, damping_ratio } => {
+                let w2 = TAU * hz;
+                kg * w2 * (w2 * (m[0] - q) + 2.0 * damping_ratio * (m[1] - w))
+            }
+            Force::Pumped { n_per_m, hz, .. } => -n_per_m * (TAU * hz * t_s + m[0]).cos() * q,
+            Force::PreloadGap { preload_n, n_per_m, share } => {
+                // Stored tension is what the actuator would have to pull; see the variant.
+                let pull = -n_per_m * q - preload_n;
+                if pull > 0.0 && w < 0.0 { -share * pull } else { 0.0 }
+            }
+            Force::WarmingSpring { n_per_m, tau_s } => {
+                let warm = t_s.max(0.0) / tau_s;
+                -n_per_m * q * warm / (1.0 + warm)
+            }
+            Force::Coulomb { .. } | Force::TanhFriction { .. } => 0.0,
+        }
+    }
+
+    /// Carries internal states through a step of length `h_s` at constant velocity `w`, ending at `q`.
+    #[inline]
+    pub(crate) fn advance(&self, m: &mut Memory, q: f64, w: f64, h_s: f64) {
+        match self {
+            Force::Bristle { coulomb_n, static_n, stribeck_m_per_s, n_per_m } => {
+                let ratio = w / stribeck_m_per_s;
+                let limit = coulomb_n + (static_n - coulomb_n) * (-ratio * ratio).exp();
+                // z' = w - s0 |w| z / g is linear in z at constant w: exact.
+                let goal = w.signum() * limit / n_per_m;
+                m[0] = goal + (m[0] - goal) * (-n_per_m * w.abs() * h_s / limit).exp();
+            }
+            Force::Absorber { hz, damping_ratio, .. } => {
+                let w2 = TAU * hz;
+                // Implicit midpoint; the base moves by w h within the step.
+                let base_mid = q - 0.5 * w * h_s;
+                let half = 0.5 * h_s;
+                let mid = (m[1] + half * (w2 * w2 * (base_mid - m[0]) + 2.0 * damping_ratio * w2 * w))
+                    / (1.0 + h_s * damping_ratio * w2 + half * half * w2 * w2);
+                (m[0], m[1]) = (m[0] + h_s * mid, 2.0 * mid - m[1]);
+            }
+            _ => {}
+        }
+    }
+
+    /// Energy stored in the part, in joules, for the power balance of the parts that dissipate.
+    #[cfg(test)]
+    pub(crate) fn energy_j(&self, m: &Memory, q: f64) -> f64 {
+        match self {
+            Force::Bristle { n_per_m, .. } => 0.5 * n_per_m * m[0] * m[0],
+            Force::HuntCrossley { n_per_m15, gap_m, .. } => 0.4 * n_per_m15 * (q - gap_m).max(0.0).powf(2.5),
+            Force::TwoStops { n_per_m, gap_m, .. } => 0.5 * n_per_m * (q.abs() - gap_m).max(0.0).powi(2),
+            Force::Absorber { kg, hz, .. } => {
+                let stretch = TAU * hz * (m[0] - q);
+                0.5 * kg * (m[1] * m[1] + stretch * stretch)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Velocity after dry friction, given that before the step and the one that the step would reach without friction.
+    ///
+    /// Coulomb is exact for a force that is constant over the step: the mass slows down, stops within the step if it
+    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms stay
+    /// below that. `h_over_m` is step over mass.
+    #[inline]
+    pub(crate) fn rub(&self, before: f64, free: f64, h_over_m: f64) -> f64 {
+        match self {
+            Force::Coulomb { n } => {
+                let impulse = n * h_over_m;
+                let push = free - before;
+                let way = if before == 0.0 { push.signum() } else { before.signum() };
+                let sliding = free - impulse * way;
+                if before != 0.0 && sliding * way > 0.0 {
+                    return sliding;
+                }
+                if push.abs() <= impulse {
+                    return 0.0;
+                }
+                // It stops after this share of the step, and the rest of the push takes it along.
+                let stopped_at = if before == 0.0 { 0.0 } else { before / (before - sliding) };
+                (push - impulse * push.signum()) * (1.0 - stopped_at)
+            }
+            Force::TanhFriction { n, w_m_per_s } => {
+                let half = 0.5 * n * h_over_m;
+                let goal = free - half * (before / w_m_per_s).tanh();
+                // x + c tanh(x/ws) = goal has one root, within c of it; Newton with bisection as its guard.
+                let (mut low, mut high) = (goal - half, goal + half);
+                let mut x = goal / (1.0 + half / w_m_per_s);
+                for _ in 0..30 {
+                    let t = (x / w_m_per_s).tanh();
+                    let miss = x + half * t - goal;
+                    if miss.abs() < 1e-15 {
+                        break;
+                    }
+                    if miss > 0.0 {
+                        high = x;
+                    } else {
+                        low = x;
+                    }
+                    let next = x - miss / (1.0 + half * (1.0 - t * t) / w_m_per_s);
+                    x = if next > low && next < high { next } else { 0.5 * (low + high) };
+                }
+                x
+            }
+            _ => free,
+        }
+    }
+}
