@@ -45,8 +45,9 @@ pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<F
     let mut all: Vec<Freed> = directions(bench)
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
-            free_one(&information, &gradient, &z, &prior, &direction)
-                .map(|(log_factor, sigma, cost, cost_without)| Freed { effect, quantity, log_factor, sigma, cost, cost_without })
+            free_one(&information, &gradient, &z, &prior, &direction).map(|(log_factor, sigma, cost, cost_without)| {
+                Freed { effect, quantity, log_factor, sigma, cost, cost_without }
+            })
         })
         .collect();
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -77,12 +78,15 @@ fn reduced(
     let own = information.view((nominal, nominal), (rest, rest)).into_owned().cholesky()?;
     let cross = information.view((0, nominal), (nominal, rest)).into_owned();
     let reduced = information.view((0, 0), (nominal, nominal)).into_owned() - &cross * own.solve(&cross.transpose());
-    let gradient = gradient.rows(0, nominal).into_owned() - &cross * own.solve(&gradient.rows(nominal, rest).into_owned());
+    let gradient =
+        gradient.rows(0, nominal).into_owned() - &cross * own.solve(&gradient.rows(nominal, rest).into_owned());
     Some((reduced, gradient))
 }
 
 fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantity>, DVector<f64>)> {
-    let along = |of: &dyn Fn(Quantity) -> f64| DVector::from_iterator(bench.free.len(), bench.free.iter().map(|f| of(f.quantity)));
+    let along = |of: &dyn Fn(Quantity) -> f64| {
+        DVector::from_iterator(bench.free.len(), bench.free.iter().map(|f| of(f.quantity)))
+    };
     let payload = along(&|q| match q {
         Quantity::DeadZone(_) | Quantity::Delay => 0.0,
         _ => -1.0,
@@ -95,11 +99,8 @@ fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantity>, DVector
             _ => 0.0,
         })
     };
-    let mut all = vec![
-        ("payload_mass", None, payload),
-        ("amplifier_gain", None, gain(-1.0)),
-        ("sensor_gain", None, gain(0.0)),
-    ];
+    let mut all =
+        vec![("payload_mass", None, payload), ("amplifier_gain", None, gain(-1.0)), ("sensor_gain", None, gain(0.0))];
     for free in &bench.free {
         all.push(("parameter_error", Some(free.quantity), along(&|q| f64::from(u8::from(q == free.quantity)))));
     }
