@@ -18,9 +18,9 @@ const ABOUT: About = About {
     installs: "a skew of capacitances or slopes, or an even term of the drive",
     signature: "even harmonics that show a loop; the two ends of the loop differ",
     rivals: &["extra_hysteron", "asymmetric_stiffness", "sensor_nonlinearity"],
-    experiment: "slow loops about zero and about both ends: the skew belongs to the direction of the drive, a sensor's \
-                 or a spring's curvature to the place",
-    spec: "minor-loops:60V@1Hz+hold:30V,for=2s+sine:20V@1Hz,for=4s",
+    experiment: "slow loops about zero, then stairs to either end and back: the skew belongs to the direction of the \
+                 drive, the curvature of a sensor or of a spring to the place",
+    spec: "minor-loops:60V@1Hz+ladder:60V/30,hold=0.05s+ladder:-60V/30,hold=0.05s",
 };
 
 fn skew(_: &Scales<'_>) -> Vec<Parameter> {

@@ -15,9 +15,9 @@ const ABOUT: About = About {
     installs: "an elastic force on the mass",
     signature: "even harmonics without a loop; the resonance depends on the mean displacement",
     rivals: &["nonlinear_stiffness", "asymmetric_hysteresis", "sensor_nonlinearity", "end_stop"],
-    experiment: "a small multisine on three mean levels: a spring moves the resonance with the level, a sensor's \
-                 curvature moves only the gain",
-    spec: "multisine:5V@4-2000Hz,periods=4,for=1s+sine:60V@1Hz,for=3s+sine:60V@10Hz,for=1s",
+    experiment: "stairs to either end: a spring's ringing after each step changes its frequency with the level, a \
+                 sensor's curvature changes only its height",
+    spec: "ladder:60V/6,hold=0.2s+ladder:-60V/6,hold=0.2s",
 };
 
 const FORMS: &[Form] = &[

@@ -11,8 +11,8 @@ const ABOUT: About = About {
     equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
                its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Given by r = \
                alpha^2 / (C k), k: stiffness, and tau = C / beta",
-    source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements: Prandtl-Ishlinskii and \
-             Preisach surveys (Hassani); size assumed",
+    source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements or relays: Prandtl-Ishlinskii \
+             and Preisach models in Hassani's survey; size assumed",
     typical: "1 to 5 % of the stiffness",
     installs: "a hysteron",
     signature: "turning points and minor loops fit badly where major loops fit: a kink at a fixed distance from each \

@@ -16,9 +16,9 @@ const ABOUT: About = About {
     signature: "third harmonic with the cube of the amplitude and without a loop; the resonance moves with the square \
                 of the amplitude",
     rivals: &["asymmetric_stiffness", "amplifier_saturation", "end_stop", "sensor_nonlinearity", "payload_mass"],
-    experiment: "sines at three amplitudes, slow and near the resonance: only a spring moves the resonance with the \
-                 amplitude",
-    spec: "sine:15V@10Hz,for=2s+sine:30V@10Hz,for=2s+sine:60V@10Hz,for=2s+multisine:15V@4-2000Hz,periods=4",
+    experiment: "slow sines at two amplitudes, then multisines at two across the resonance: only a spring moves the \
+                 resonance with the amplitude",
+    spec: "sine:20V@10Hz,for=1s+sine:60V@10Hz,for=1s+multisine:5V@4-2000Hz,periods=4+multisine:30V@4-2000Hz,periods=4",
 };
 
 const FORMS: &[Form] = &[Form::predictable(

@@ -27,23 +27,18 @@ pub struct Scales<'a> {
 impl<'a> Scales<'a> {
     /// Sizes of a plant's logs; what doesn't move counts as a millivolt and a nanometre.
     pub fn of_logs(plant: &'a Phs, logs: &[Log]) -> Self {
-        let half = |range: [f64; 2]| 0.5 * (range[1] - range[0]);
-        let widest = |values: fn(&Log) -> &[f64]| logs.iter().map(|log| half(range(values(log)))).fold(0.0, f64::max);
-        let all = |values: fn(&Log) -> &[f64]| {
-            let ranges = logs.iter().map(|log| range(values(log)));
-            ranges.fold([f64::INFINITY, f64::NEG_INFINITY], |all, one| [all[0].min(one[0]), all[1].max(one[1])])
-        };
-        let (command, displacement): (fn(&Log) -> &[f64], fn(&Log) -> &[f64]) =
-            (|l| &l.command_v, |l| &l.displacement_m);
+        let commands: Vec<[f64; 2]> = logs.iter().map(|log| range(&log.command_v)).collect();
+        let displacements: Vec<[f64; 2]> = logs.iter().map(|log| range(&log.displacement_m)).collect();
+        let half_span = |ranges: &[[f64; 2]]| ranges.iter().map(|[low, high]| 0.5 * (high - low)).fold(0.0, f64::max);
         Self {
             plant,
-            stroke_m: widest(displacement).max(1e-9),
-            drive_v: widest(command).max(1e-3),
+            stroke_m: half_span(&displacements).max(1e-9),
+            drive_v: half_span(&commands).max(1e-3),
             rate_v_per_s: logs.iter().map(|log| largest_change(&log.command_v) / log.dt_s).fold(0.0, f64::max),
             sample_s: logs.iter().map(|log| log.dt_s).fold(f64::INFINITY, f64::min),
             longest_s: logs.iter().map(|log| log.dt_s * log.command_v.len() as f64).fold(0.0, f64::max),
-            command_v: all(command),
-            displacement_m: all(displacement),
+            command_v: range(commands.as_flattened()),
+            displacement_m: range(displacements.as_flattened()),
         }
     }
 
