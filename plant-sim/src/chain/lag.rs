@@ -26,10 +26,33 @@ const NEGLIGIBLE_S: f64 = 1e-12;
 const APART: f64 = 1e-6;
 
 /// Output of a lag and, for one of second order, the output's slope.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct LagState {
     value: f64,
     slope: f64,
+    /// Decays over the durations met last, which in a steady run come back every sample.
+    known: [Known; 2],
+    oldest: usize,
+}
+
+/// exp(pole t) and its moments over one duration, for both poles.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    duration_s: f64,
+    decays: [Decay; 2],
+}
+
+impl Default for Known {
+    fn default() -> Self {
+        Self { duration_s: f64::NAN, decays: [Decay::default(); 2] }
+    }
+}
+
+/// exp(pole t) at the end of a duration, and its moments over the duration.
+#[derive(Clone, Copy, Debug, Default)]
+struct Decay {
+    end: Complex<f64>,
+    moments: [Complex<f64>; 3],
 }
 
 /// What a piece of output adds up to over its duration.
@@ -39,12 +62,24 @@ pub(super) struct Moments {
     pub zeroth: f64,
     /// Integral of the output times the time since the piece began.
     pub first: f64,
+    /// Integral of the output times the square of that time.
+    pub second: f64,
+}
+
+impl Lag {
+    /// Whether it is slow enough to be felt at all.
+    pub(super) fn acts(self) -> bool {
+        match self {
+            Lag::First { time_constant_s } => time_constant_s > NEGLIGIBLE_S,
+            Lag::Second { .. } => true,
+        }
+    }
 }
 
 impl LagState {
     /// At rest on `value`.
     pub(super) fn at(value: f64) -> Self {
-        Self { value, slope: 0.0 }
+        Self { value, ..Self::default() }
     }
 
     pub(super) fn value(&self) -> f64 {
@@ -52,16 +87,17 @@ impl LagState {
     }
 
     /// Moves through `duration_s` of the input `input[0] + input[1] t + input[2] t^2 + input[3] t^3` and returns the moments of the
-    /// output.
+    /// output. One state belongs to one lag.
     pub(super) fn pass(&mut self, lag: Option<Lag>, input: [f64; 4], duration_s: f64) -> Moments {
         match lag {
             Some(Lag::First { time_constant_s }) if time_constant_s > NEGLIGIBLE_S => {
                 let settled = settled(input, time_constant_s, 0.0);
                 let away = self.value - settled[0];
-                let rate = Complex::new(-1.0 / time_constant_s, 0.0);
-                self.value = at(settled, duration_s) + away * (-duration_s / time_constant_s).exp();
+                let pole = Complex::new(-1.0 / time_constant_s, 0.0);
+                let [decay, _] = self.decays([pole, pole], duration_s);
+                self.value = at(settled, duration_s) + away * decay.end.re;
                 self.slope = 0.0;
-                moments(settled, duration_s).plus(decay(rate, duration_s), Complex::new(away, 0.0))
+                moments(settled, duration_s).plus(&decay, Complex::new(away, 0.0))
             }
             Some(Lag::Second { natural_rad_per_s: w, damping_ratio }) => {
                 let z = if (damping_ratio - 1.0).abs() < APART { 1.0 + APART } else { damping_ratio };
@@ -74,20 +110,31 @@ impl LagState {
                 let second = (moving - poles[0] * away) / (poles[1] - poles[0]);
                 let amplitudes = [away - second, second];
                 let mut sum = moments(settled, duration_s);
+                let decays = self.decays(poles, duration_s);
                 (self.value, self.slope) = (at(settled, duration_s), slope_at(settled, duration_s));
-                for (pole, amplitude) in poles.into_iter().zip(amplitudes) {
-                    let now = amplitude * (pole * duration_s).exp();
+                for i in 0..2 {
+                    let now = amplitudes[i] * decays[i].end;
                     self.value += now.re;
-                    self.slope += (now * pole).re;
-                    sum = sum.plus(decay(pole, duration_s), amplitude);
+                    self.slope += (now * poles[i]).re;
+                    sum = sum.plus(&decays[i], amplitudes[i]);
                 }
                 sum
             }
             _ => {
-                *self = Self { value: at(input, duration_s), slope: 0.0 };
+                (self.value, self.slope) = (at(input, duration_s), 0.0);
                 moments(input, duration_s)
             }
         }
+    }
+
+    fn decays(&mut self, poles: [Complex<f64>; 2], duration_s: f64) -> [Decay; 2] {
+        if let Some(known) = self.known.iter().find(|known| known.duration_s == duration_s) {
+            return known.decays;
+        }
+        let decays = poles.map(|pole| decay(pole, duration_s));
+        self.known[self.oldest] = Known { duration_s, decays };
+        self.oldest = 1 - self.oldest;
+        decays
     }
 }
 
@@ -109,18 +156,50 @@ fn moments([c0, c1, c2, c3]: [f64; 4], t: f64) -> Moments {
     Moments {
         zeroth: t * (c0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0))),
         first: t * t * (c0 / 2.0 + t * (c1 / 3.0 + t * (c2 / 4.0 + t * c3 / 5.0))),
+        second: t * t * t * (c0 / 3.0 + t * (c1 / 4.0 + t * (c2 / 5.0 + t * c3 / 6.0))),
     }
 }
 
-/// Zeroth and first moment of exp(rate t) over a duration.
-fn decay(rate: Complex<f64>, duration_s: f64) -> [Complex<f64>; 2] {
-    let end = (rate * duration_s).exp();
+/// exp(rate t) and its moments up to the second. Where little decays, the closed forms would lose their digits in differences.
+fn decay(rate: Complex<f64>, t: f64) -> Decay {
+    let z = rate * t;
+    let end = z.exp();
+    if z.norm() < 1.0 {
+        // Integral of s^k exp(z s) over [0, 1] = sum of z^n / (n! (n + k + 1)); 1/18! is below rounding.
+        let mut term = Complex::new(1.0, 0.0);
+        let mut sums = [Complex::new(0.0, 0.0); 3];
+        for n in 0..18 {
+            for (k, sum) in sums.iter_mut().enumerate() {
+                *sum += term / (n + k + 1) as f64;
+            }
+            term = term * z / (n + 1) as f64;
+        }
+        return Decay { end, moments: [sums[0] * t, sums[1] * t * t, sums[2] * t * t * t] };
+    }
     let zeroth = (end - 1.0) / rate;
-    [zeroth, (end * duration_s - zeroth) / rate]
+    let first = (end * t - zeroth) / rate;
+    Decay { end, moments: [zeroth, first, (end * t * t - first * 2.0) / rate] }
 }
 
 impl Moments {
-    fn plus(self, moments: [Complex<f64>; 2], amplitude: Complex<f64>) -> Self {
-        Self { zeroth: self.zeroth + (moments[0] * amplitude).re, first: self.first + (moments[1] * amplitude).re }
+    fn plus(self, decay: &Decay, amplitude: Complex<f64>) -> Self {
+        let [zeroth, first, second] = decay.moments.map(|moment| (moment * amplitude).re);
+        Self { zeroth: self.zeroth + zeroth, first: self.first + first, second: self.second + second }
+    }
+
+    /// Adds the moments of a piece that begins `at_s` after the sum does.
+    pub(super) fn add(&mut self, piece: Moments, at_s: f64) {
+        self.second += piece.second + at_s * (2.0 * piece.first + at_s * piece.zeroth);
+        self.first += piece.first + at_s * piece.zeroth;
+        self.zeroth += piece.zeroth;
+    }
+
+    /// The parabola over `duration_s` that has these moments: its value, slope and second derivative at the start.
+    pub(super) fn parabola(self, duration_s: f64) -> [f64; 3] {
+        let per = 1.0 / duration_s;
+        let (i0, i1, i2) = (self.zeroth * per, self.first * per * per, self.second * per * per * per);
+        // In Legendre polynomials of s = t / duration: i0 + c1 (2 s - 1) + c2 (6 s^2 - 6 s + 1).
+        let (c1, c2) = (3.0 * (2.0 * i1 - i0), 5.0 * (6.0 * (i2 - i1) + i0));
+        [i0 - c1 + c2, (2.0 * c1 - 6.0 * c2) * per, 12.0 * c2 * per * per]
     }
 }

@@ -8,8 +8,11 @@
 
 mod drive;
 mod lag;
+mod leak;
 mod parts;
+mod path;
 mod readout;
+mod relax;
 mod sensor;
 mod substep;
 mod waveform;
@@ -19,7 +22,7 @@ pub use lag::Lag;
 pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts};
 pub use sensor::{Drift, Line, Sensor, SensorState};
 
-use crate::exact::{Dynamics, MAX_STATES, Spans, Stepper, pack, stepper, unpack};
+use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
 use crate::phs::{Phs, PhsState};
 use readout::Readout;
 use std::collections::VecDeque;
@@ -71,8 +74,12 @@ pub struct Simulator {
     stepper: Box<dyn Stepper>,
     readout: Readout,
     modes: Vec<Mode>,
-    /// States that the sensor sees besides the displacement: those of parallel modes.
-    seen_too: Vec<usize>,
+    /// States whose sum the sensor sees: the displacement and those of parallel modes, or the sensor's lag.
+    seen: Vec<usize>,
+    /// Where the sensor's lag stands in the engine's states.
+    lag: Option<usize>,
+    /// Parallel modes that must not feel the engine's force, because laws are part of it.
+    outside: Vec<(f64, Box<dyn Stepper>)>,
     sample_s: f64,
     pace: Pace,
     /// Volts at the actuator at the present sample's start.
@@ -104,6 +111,7 @@ struct Queue {
 struct HeatState {
     warming: Warming,
     theta: f64,
+    heating: f64,
     last_v: f64,
 }
 
@@ -114,16 +122,28 @@ impl Simulator {
     pub fn new(chain: &Chain, sample_s: f64, latency_s: f64) -> Self {
         let delay_s = latency_s + chain.drive.delay_s;
         let parts = &chain.parts;
-        let dynamics = Dynamics::with_modes(&chain.plant, &parts.modes);
+        let plain = substep::without_bent_leaks(&chain.plant, &parts.bends);
+        let parallel = |mode: &Mode| matches!(mode.joint, Joint::Parallel { .. });
+        let (outside, modes): (Vec<Mode>, Vec<Mode>) =
+            parts.modes.iter().partition(|mode| parts.need_substeps() && parallel(mode));
+        let mut dynamics = Dynamics::with_modes(&plain, &modes);
+        let first_mode = chain.plant.hysterons.len() + 2;
+        let mut seen = vec![0];
+        seen.extend((0..modes.len()).filter(|&i| parallel(&modes[i])).map(|i| first_mode + 2 * i));
+        let linear = chain.sensor.play_m == 0.0 && outside.is_empty();
+        let lag =
+            chain.sensor.lag.filter(|lag| linear && lag.acts() && dynamics.states() + 2 <= MAX_STATES).map(|lag| {
+                let at = dynamics.states();
+                dynamics = dynamics.clone().with_lag(lag, &seen);
+                at
+            });
         let (pace, spans) = if chain.drive.has_memory() || parts.need_substeps() {
             let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
-            let count = if parts.need_substeps() {
-                substep::substeps(&chain.plant, &parts.forces, stroke_m, sample_s)
-            } else {
-                1
-            };
-            let laws =
-                parts.need_substeps().then(|| Box::new(Laws::new(&parts.forces, &parts.bends, dynamics.states())));
+            let count =
+                if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { 1 };
+            let laws = parts
+                .need_substeps()
+                .then(|| Box::new(Laws::new(&chain.plant, &parts.forces, &parts.bends, &modes, dynamics.states())));
             let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
             (Pace::Fine { waveform, laws, count }, Spans::whole(sample_s / count as f64))
         } else {
@@ -132,19 +152,27 @@ impl Simulator {
             let spans = if fraction_s > 0.0 { Spans::split(sample_s, fraction_s) } else { Spans::whole(sample_s) };
             (Pace::Exact(queue), spans)
         };
-        let states_before = chain.plant.hysterons.len() + 2;
-        let seen_too = parts.modes.iter().enumerate().filter(|(_, mode)| matches!(mode.joint, Joint::Parallel { .. }));
+        let spans_outside = spans;
+        let outside = outside.iter().filter_map(|mode| match mode.joint {
+            Joint::Parallel { compliance_m_per_n } => {
+                let alone = Dynamics::of_parallel(mode, compliance_m_per_n);
+                Some((compliance_m_per_n, stepper(&alone, spans_outside)))
+            }
+            Joint::Attached { .. } => None,
+        });
         Self {
             plant: chain.plant.clone(),
             drive: chain.drive.clone(),
             stepper: stepper(&dynamics, spans),
-            readout: Readout::new(&chain.sensor, sample_s),
-            modes: parts.modes.clone(),
-            seen_too: seen_too.map(|(index, _)| states_before + 2 * index).collect(),
+            readout: Readout::new(&chain.sensor, sample_s, lag.is_some()),
+            outside: outside.collect(),
+            modes,
+            seen: lag.map_or(seen, |lag| vec![lag]),
+            lag,
             sample_s,
             pace,
             acting_v: 0.0,
-            heat: chain.drive.warming.map(|warming| HeatState { warming, theta: 0.0, last_v: 0.0 }),
+            heat: chain.drive.warming.map(HeatState::new),
         }
     }
 
@@ -161,7 +189,19 @@ impl Simulator {
                 }
             });
         }
+        let held_n = self.plant.transduction_c_per_m * held_v;
+        if let Some(lag) = self.lag {
+            // What the lag follows has been where it is for long.
+            let parallel = self.modes.iter().enumerate().filter(|(_, m)| matches!(m.joint, Joint::Parallel { .. }));
+            let first_mode = state.hysteron_v.len() + 2;
+            let seen_m = packed[0] + parallel.map(|(i, _)| packed[first_mode + 2 * i]).sum::<f64>();
+            packed.resize(lag, 0.0);
+            packed.push(seen_m);
+        }
         self.stepper.set_state(&packed);
+        for (compliance_m_per_n, mode) in &mut self.outside {
+            mode.set_state(&[*compliance_m_per_n * held_n, 0.0]);
+        }
         match &mut self.pace {
             Pace::Exact(queue) => queue.before = Held::zero_order(drive_v),
             Pace::Fine { waveform, .. } => waveform.rest_on(drive_v),
@@ -194,12 +234,14 @@ impl Simulator {
     }
 
     fn seen_m(&self) -> f64 {
-        self.stepper.state(0) + self.seen_too.iter().map(|&state| self.stepper.state(state)).sum::<f64>()
+        self.seen.iter().map(|&state| self.stepper.state(state)).sum::<f64>()
+            + self.outside.iter().map(|(_, mode)| mode.state(0)).sum::<f64>()
     }
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
     pub fn advance(&mut self, command: Held, force_n: f64) {
-        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain);
+        let alpha =
+            self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, |heat| heat.gain(0.5 * self.sample_s));
         let stepper = self.stepper.as_mut();
         self.acting_v = match &mut self.pace {
             Pace::Exact(queue) => queue.advance(stepper, &self.drive, self.sample_s, command, alpha, force_n),
@@ -208,17 +250,26 @@ impl Simulator {
                 let step_s = self.sample_s / *count as f64;
                 for index in 0..*count {
                     let from_s = index as f64 * step_s;
-                    let line = waveform.line(from_s, step_s);
-                    let (start_n, slope) = (alpha * line.start_v - force_n, alpha * line.slope_v_per_s);
+                    let [start_v, slope, curve] = waveform.parabola(from_s, step_s);
+                    let mut push =
+                        Push { force_n: alpha * start_v - force_n, slope: alpha * slope, curve: alpha * curve };
                     if let Some(laws) = laws {
-                        let (before_m, pull_n) = (stepper.state(0), start_n + 0.5 * step_s * slope);
                         let time_s = waveform.sample_start_s() + from_s;
-                        let rates = laws.rates(&self.plant, &|i| stepper.state(i), pull_n, time_s, step_s);
-                        stepper.set_rates(Some(rates));
-                        stepper.advance(0, start_n, slope);
-                        laws.moved(before_m, stepper.state(0));
+                        let pull = [push.force_n, push.slope, push.curve];
+                        for (_, mode) in &mut self.outside {
+                            mode.push(0, push);
+                        }
+                        let against = laws.foresee(&|i| stepper.state(i), pull, time_s, step_s);
+                        push.force_n -= against[0];
+                        push.slope -= against[1];
+                        push.curve -= against[2];
+                        if let Some(rates) = laws.rates() {
+                            stepper.set_rates(Some(rates));
+                        }
+                        stepper.push(0, push);
+                        laws.moved(stepper.state(0));
                     } else {
-                        stepper.advance(0, start_n, slope);
+                        stepper.push(0, push);
                     }
                 }
                 waveform.end_sample();
@@ -294,18 +345,26 @@ impl Queue {
 }
 
 impl HeatState {
-    fn gain(&self) -> f64 {
-        1.0 + self.warming.coefficient * self.theta
+    /// Cold, after long at zero volts.
+    fn new(warming: Warming) -> Self {
+        let heating = if warming.heat == Heat::Time { 1.0 } else { 0.0 };
+        Self { warming, theta: 0.0, heating, last_v: 0.0 }
+    }
+
+    /// Gain `ahead_s` from now, if what heats stays as it is.
+    fn gain(&self, ahead_s: f64) -> f64 {
+        let towards = -(-ahead_s / self.warming.time_constant_s).exp_m1();
+        1.0 + self.warming.coefficient * (self.theta + towards * (self.heating - self.theta))
     }
 
     /// A sample passed that ended with `drive_v` on the actuator.
     fn pass(&mut self, drive_v: f64, sample_s: f64) {
-        let heating = match self.warming.heat {
+        self.heating = match self.warming.heat {
             Heat::Time => 1.0,
             Heat::Drive { volts } => (drive_v / volts).powi(2),
             Heat::Rate { volts_per_s } => ((drive_v - self.last_v) / (sample_s * volts_per_s)).powi(2),
         };
         self.last_v = drive_v;
-        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (heating - self.theta);
+        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (self.heating - self.theta);
     }
 }

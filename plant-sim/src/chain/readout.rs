@@ -1,4 +1,6 @@
-//! The predictable half of the sensor in motion: play, lag, and the clock that drift and lines run on.
+//! The predictable half of the sensor in motion: play, the lag behind it, and the clock that drift and lines run on.
+//!
+//! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
 use super::Sensor;
 use super::lag::LagState;
@@ -15,9 +17,11 @@ pub(super) struct Readout {
 }
 
 impl Readout {
-    pub(super) fn new(sensor: &Sensor, sample_s: f64) -> Self {
+    /// `lagged` says that what arrives here has passed the lag already.
+    pub(super) fn new(sensor: &Sensor, sample_s: f64, lagged: bool) -> Self {
+        let lag = if lagged { None } else { sensor.lag };
         Self {
-            sensor: sensor.clone(),
+            sensor: Sensor { lag, ..sensor.clone() },
             sample_s,
             sample: 0,
             behind_m: 0.0,

@@ -1,36 +1,84 @@
-//! Laws that are not affine, sub-step by sub-step: what forces and bends add to the rates of the states, constant over a sub-step and
-//! taken at its middle.
+//! Laws that are not affine, sub-step by sub-step: the force that they put on the mass, as the parabola with the same moments, and what
+//! they add to the rates of the hysterons.
 //!
-//! Springs and contacts are taken where the mass will be in the middle. Friction is taken at the velocity at the end, solved for, so
-//! that a mass that sticks stays where it is, however steep the law.
+//! First the path of the mass over the sub-step is foreseen, to third order in time, from the force at its start and its middle; friction,
+//! which may be stiff, is solved for on the way ([`relax`]). Then the laws are integrated along that path. The engine steps the rest of
+//! the plant exactly. So what is left as error is the product of a law's share in the force and of the path's small error.
+//!
+//! A hysteron with a bend is a plain capacitor to the engine; its whole leak is a law ([`super::leak`]).
 
-use super::{Bend, BendLaw, Force};
+use super::lag::Moments;
+use super::leak::Leak;
+use super::path::{Path, Quadrature};
+use super::relax::relax;
+use super::{Bend, Force, Joint, Mode, Parts};
 use crate::phs::Phs;
 use std::f64::consts::TAU;
 
 /// Largest product of the fastest mechanical rate and a sub-step.
-const SUBSTEP: f64 = 0.15;
+const SUBSTEP: f64 = 0.3;
 /// Most sub-steps in a sample.
 const MOST: f64 = 64.0;
-/// A leak faster than this over a sub-step keeps its hysteron on its edge: how exactly it leaks can't be seen.
+/// A leak faster than this over a sub-step keeps its hysteron on its edge, as far as the path is concerned.
 const STIFF: f64 = 0.5;
-/// Iterations for the velocity at a sub-step's end; the bracket halves at least every second one.
-const ITERATIONS: usize = 24;
+/// Error of a velocity in one inner step, m/s: what creeps with it for a second creeps by 10 nm at most, and by far less because errors alternate.
+const VELOCITY_ERROR: f64 = 1e-8;
+/// Shortest inner step against friction: at 1 km/s^2 a speed of 1e-9 m/s.
+const SHORTEST_S: f64 = 1e-12;
+/// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
+/// makes 0.1 nm a second at 0.1 m/s.
+const STRAIGHT: f64 = 1e-9;
 
 /// The laws with their memory.
 pub(super) struct Laws {
+    plant: Phs,
     forces: Vec<Force>,
-    bends: Vec<Bend>,
     /// z of each presliding friction, in the order of `forces`.
     slid: Vec<f64>,
-    /// Rates that were last handed out.
+    /// The same after the sub-step that was foreseen last, and where that ended.
+    slid_then: Vec<f64>,
+    end_m: f64,
+    hysterons: Vec<Element>,
+    leaks: Vec<Leak>,
+    attached: Vec<Attached>,
+    quadrature: Quadrature,
+    elastic: bool,
+    friction: bool,
+    /// Additions to the rates of the states that were last handed out.
     rates: Vec<f64>,
 }
 
-/// Sub-steps of a sample that the forces call for.
-pub(super) fn substeps(plant: &Phs, forces: &[Force], stroke_m: f64, sample_s: f64) -> usize {
+/// What the path needs to know of a hysteron.
+struct Element {
+    per_metre: f64,
+    edge_v: f64,
+    rate_per_s: f64,
+}
+
+/// What it needs to know of an attached mode.
+struct Attached {
+    state: usize,
+    mass_kg: f64,
+    spring: f64,
+    damper: f64,
+}
+
+/// The plant as a hysteron's engine sees it: hysterons that a bend takes over don't leak there.
+pub(super) fn without_bent_leaks(plant: &Phs, bends: &[Bend]) -> Phs {
+    let mut plain = plant.clone();
+    for (i, hysteron) in plain.hysterons.iter_mut().enumerate() {
+        if hysteron.dead_zone_v > 0.0 && bends.iter().any(|bend| bend.hysteron.is_none_or(|only| only == i)) {
+            hysteron.slope_s = 0.0;
+        }
+    }
+    plain
+}
+
+/// Sub-steps of a sample that the laws call for, a power of two: so a search that shifts a parameter by little hardly ever changes it.
+pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64) -> usize {
     let springs: f64 = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f).sum();
-    let added: f64 = forces
+    let added: f64 = parts
+        .forces
         .iter()
         .map(|force| match *force {
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
@@ -41,56 +89,245 @@ pub(super) fn substeps(plant: &Phs, forces: &[Force], stroke_m: f64, sample_s: f
             Force::Smooth { .. } | Force::Power { .. } | Force::Line { .. } => 0.0,
         })
         .sum();
-    let rate = ((plant.stiffness_n_per_m + springs + added) / plant.mass_kg).sqrt();
-    (rate * sample_s / SUBSTEP).ceil().clamp(1.0, MOST) as usize
+    let stiffness = plant.stiffness_n_per_m + springs;
+    let mut rate = (stiffness / plant.mass_kg).sqrt();
+    for mode in &parts.modes {
+        if let Joint::Attached { mass_kg } = mode.joint {
+            rate = rate.max(0.5 * TAU * mode.hz * (1.0 + mass_kg / plant.mass_kg).sqrt());
+        }
+    }
+    // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
+    let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
+    // A widening acts like a damper.
+    let widening: f64 = Leak::of(plant, &parts.bends).iter().map(Leak::damping_n_s_per_m).sum();
+    let rate = rate.max(4.0 * widening / plant.mass_kg);
+    (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, MOST) as usize
 }
 
 impl Laws {
-    pub(super) fn new(forces: &[Force], bends: &[Bend], states: usize) -> Self {
-        let slid = vec![0.0; forces.len()];
-        Self { forces: forces.to_vec(), bends: bends.to_vec(), slid, rates: vec![0.0; states] }
-    }
-
-    /// Additions to the rates of the states [q, q', v1 ..] over the sub-step of `step_s` that begins at `time_s`, while the drive pulls
-    /// with `pull_n` on average.
-    pub(super) fn rates(
-        &mut self,
-        plant: &Phs,
-        state: &dyn Fn(usize) -> f64,
-        pull_n: f64,
-        time_s: f64,
-        step_s: f64,
-    ) -> &[f64] {
-        let (q, v) = (state(0), state(1));
-        let held_v: f64 = (0..plant.hysterons.len()).map(|i| state(2 + i)).sum();
-        let spring_n = plant.transduction_c_per_m * held_v + plant.stiffness_n_per_m * q + plant.damping_n_s_per_m * v;
-        let free = (pull_n - spring_n) / plant.mass_kg;
-        let middle_m = q + 0.5 * step_s * (v + 0.25 * step_s * free);
-        self.rates.fill(0.0);
-        let mut against_n = self.elastic_n(plant, q, middle_m, time_s + 0.5 * step_s);
-        let middle_m_per_s = v + 0.5 * step_s * free;
-        against_n += self.bend(plant, state, middle_m_per_s, step_s);
-        let end_m_per_s = v + step_s * (free - against_n / plant.mass_kg);
-        against_n += self.friction_n(end_m_per_s, step_s / plant.mass_kg);
-        self.rates[1] -= against_n / plant.mass_kg;
-        &self.rates
-    }
-
-    /// The sub-step took the mass from `from_m` to `to_m`.
-    pub(super) fn moved(&mut self, from_m: f64, to_m: f64) {
-        for (force, slid) in self.forces.iter().zip(&mut self.slid) {
-            if let Force::Presliding { presliding_m, .. } = *force {
-                *slid = dragged(*slid, to_m - from_m, presliding_m);
+    pub(super) fn new(plant: &Phs, forces: &[Force], bends: &[Bend], modes: &[Mode], states: usize) -> Self {
+        let alpha = plant.transduction_c_per_m;
+        let element = |h: &crate::phs::Hysteron| Element {
+            per_metre: alpha / h.capacitance_f,
+            edge_v: h.edge_v(),
+            rate_per_s: h.slope_s / h.capacitance_f,
+        };
+        let attached = modes.iter().enumerate().filter_map(|(i, mode)| match mode.joint {
+            Joint::Attached { mass_kg } => {
+                let w = TAU * mode.hz;
+                let state = 2 + plant.hysterons.len() + 2 * i;
+                Some(Attached { state, mass_kg, spring: w * w, damper: 2.0 * mode.damping_ratio * w })
             }
+            Joint::Parallel { .. } => None,
+        });
+        let friction = |f: &Force| matches!(f, Force::Smooth { .. } | Force::Power { .. });
+        Self {
+            plant: plant.clone(),
+            forces: forces.to_vec(),
+            slid: vec![0.0; forces.len()],
+            slid_then: vec![0.0; forces.len()],
+            end_m: 0.0,
+            hysterons: plant.hysterons.iter().map(element).collect(),
+            leaks: Leak::of(plant, bends),
+            attached: attached.collect(),
+            quadrature: Quadrature::of(forces),
+            elastic: forces.iter().any(|f| !friction(f)),
+            friction: forces.iter().any(friction),
+            rates: vec![0.0; states],
         }
     }
 
-    fn elastic_n(&self, plant: &Phs, from_m: f64, q: f64, time_s: f64) -> f64 {
-        let force_n = |(force, &slid): (&Force, &f64)| match *force {
+    /// Additions to the rates of the states over the sub-step foreseen last; `None` if no hysteron is bent.
+    pub(super) fn rates(&self) -> Option<&[f64]> {
+        (!self.leaks.is_empty()).then_some(&self.rates)
+    }
+
+    /// Foresees the sub-step of `step_s` that begins at `time_s`, while the drive pulls with `pull` (newton, slope, second derivative):
+    /// the laws' force against the motion, in the same form.
+    pub(super) fn foresee(
+        &mut self,
+        state: &dyn Fn(usize) -> f64,
+        pull: [f64; 3],
+        time_s: f64,
+        step_s: f64,
+    ) -> [f64; 3] {
+        let mut sum = Moments::default();
+        let path = if self.friction {
+            self.rub(state, pull, time_s, step_s, &mut sum)
+        } else {
+            self.free_path(state, pull, time_s, step_s)
+        };
+        self.end_m = path.at(step_s);
+        if self.elastic {
+            self.slid_then.copy_from_slice(&self.slid);
+            let (forces, slid) = (&self.forces, &mut self.slid_then);
+            self.quadrature.along(&path, step_s, |piece| {
+                let from_m = path.at(piece.from_s);
+                for (t, weight) in piece.nodes() {
+                    let force_n = elastic_n(&self.plant, forces, slid, path.at(t) - from_m, path.at(t), time_s + t);
+                    sum.zeroth += weight * force_n;
+                    sum.first += weight * t * force_n;
+                    sum.second += weight * t * t * force_n;
+                }
+                drag(forces, slid, path.at(piece.to_s) - from_m);
+            });
+        }
+        for leak in &mut self.leaks {
+            let v = state(2 + leak.hysteron);
+            self.rates[2 + leak.hysteron] = leak.follow(v, &path, step_s, &mut sum);
+        }
+        sum.parabola(step_s)
+    }
+
+    /// The sub-step took the mass to `to_m`.
+    pub(super) fn moved(&mut self, to_m: f64) {
+        for leak in &mut self.leaks {
+            leak.moved_on(to_m - self.end_m);
+        }
+        if self.elastic {
+            self.slid.copy_from_slice(&self.slid_then);
+            drag(&self.forces, &mut self.slid, to_m - self.end_m);
+        }
+    }
+
+    /// Path without friction: a cubic from the acceleration at the start and in the middle.
+    fn free_path(&self, state: &dyn Fn(usize) -> f64, pull: [f64; 3], time_s: f64, step_s: f64) -> Path {
+        let (q, v) = (state(0), state(1));
+        let modes = self.modes(state, v);
+        let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
+        let acceleration = |at_m: f64, at_m_per_s: f64, t: f64| {
+            (self.load_n(state, pull, modes, [at_m, at_m_per_s], t, time_s) - b * at_m_per_s) / m
+        };
+        let half = 0.5 * step_s;
+        let first = acceleration(q, v, 0.0);
+        let middle = acceleration(q + half * (v + 0.5 * half * first), v + half * first, half);
+        Path([q, v, 0.5 * first, (middle - first) / (6.0 * half)])
+    }
+
+    /// Path against friction, and friction's moments.
+    fn rub(&self, state: &dyn Fn(usize) -> f64, pull: [f64; 3], time_s: f64, step_s: f64, sum: &mut Moments) -> Path {
+        let (q, v) = (state(0), state(1));
+        let modes = self.modes(state, v);
+        let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
+        let mut path = Path([q, v, 0.0, 0.0]);
+        let half = 0.5 * step_s;
+        let start = self.load_n(state, pull, modes, [q, v], 0.0, time_s) / m;
+        let mut rubbed = Moments::default();
+        for _ in 0..2 {
+            let load = |t: f64| self.load_n(state, pull, modes, [path.at(t), path.motion(t)[0]], t, time_s) / m;
+            let (middle, end) = (load(half), load(step_s));
+            // The parabola through the three.
+            let (slope, curve) =
+                ((4.0 * middle - 3.0 * start - end) / step_s, 4.0 * (start - 2.0 * middle + end) / (step_s * step_s));
+            let (end_m_per_s, moments) = relax(v, step_s, [VELOCITY_ERROR, SHORTEST_S], |v, t| {
+                let [force, by_v] = friction(&self.forces, v);
+                let load = start + t * (slope + 0.5 * t * curve);
+                [load - (force + b * v) / m, -(by_v + b) / m, slope + t * curve]
+            });
+            path = Path::between(q, v, q + moments.zeroth, end_m_per_s, step_s);
+            // Friction is what load and damper don't explain of the change of velocity.
+            let h = step_s;
+            rubbed = Moments {
+                zeroth: m * (h * (start + h * (slope / 2.0 + h * curve / 6.0)) - (end_m_per_s - v))
+                    - b * moments.zeroth,
+                first: m
+                    * (h * h * (start / 2.0 + h * (slope / 3.0 + h * curve / 8.0))
+                        - (h * end_m_per_s - moments.zeroth))
+                    - b * moments.first,
+                second: m
+                    * (h * h * h * (start / 3.0 + h * (slope / 4.0 + h * curve / 10.0))
+                        - (h * h * end_m_per_s - 2.0 * moments.first))
+                    - b * moments.second,
+            };
+        }
+        sum.add(rubbed, 0.0);
+        path
+    }
+
+    /// Force on the mass without damper and friction, with the mass at `q` and moving at `w` after `t` of the sub-step.
+    fn load_n(
+        &self,
+        state: &dyn Fn(usize) -> f64,
+        pull: [f64; 3],
+        modes: [f64; 2],
+        [q, w]: [f64; 2],
+        t: f64,
+        time_s: f64,
+    ) -> f64 {
+        let by_m = q - state(0);
+        let mut held_v = 0.0;
+        for (i, hysteron) in self.hysterons.iter().enumerate() {
+            let v = state(2 + i);
+            let closed_v = v + hysteron.per_metre * by_m;
+            held_v += if hysteron.edge_v > 0.0 && hysteron.rate_per_s * t > STIFF {
+                let leak = self.leaks.iter().find(|leak| leak.hysteron == i);
+                let edge_v = leak.map_or(hysteron.edge_v, |leak| leak.reach_v(v, w));
+                {
+                    // What is beyond a widened edge follows the edge back; beyond a plain one it is the leak's own lag.
+                    let (low, high) = if leak.is_some() { (-edge_v, edge_v) } else { (v.min(-edge_v), v.max(edge_v)) };
+                    closed_v.clamp(low, high)
+                }
+            } else {
+                let excess_v = v - v.clamp(-hysteron.edge_v, hysteron.edge_v);
+                let leaked = hysteron.rate_per_s * t;
+                let charged = if excess_v == 0.0 { 0.0 } else { 0.5 * (closed_v - v) };
+                closed_v - leaked * ((1.0 - 0.5 * leaked) * excess_v + charged)
+            };
+        }
+        let mut load_n = pull[0] + t * (pull[1] + 0.5 * t * pull[2]) + modes[0] + t * modes[1]
+            - self.plant.stiffness_n_per_m * q
+            - self.plant.transduction_c_per_m * held_v;
+        if self.elastic {
+            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, by_m, q, time_s + t);
+        }
+        load_n
+    }
+
+    /// Force of the attached modes on the mass, and its slope.
+    fn modes(&self, state: &dyn Fn(usize) -> f64, v: f64) -> [f64; 2] {
+        let mut sum = [0.0; 2];
+        for mode in &self.attached {
+            let (apart_m, apart_m_per_s) = (state(mode.state) - state(0), state(mode.state + 1) - v);
+            let pull = mode.spring * apart_m + mode.damper * apart_m_per_s;
+            sum[0] += mode.mass_kg * pull;
+            sum[1] += mode.mass_kg * (mode.spring * apart_m_per_s - mode.damper * pull);
+        }
+        sum
+    }
+}
+
+/// Friction at a velocity and its derivative.
+fn friction(forces: &[Force], v: f64) -> [f64; 2] {
+    let mut sum = [0.0; 2];
+    for force in forces {
+        match *force {
+            Force::Smooth { coulomb_n, speed_m_per_s } => {
+                let share = (v / speed_m_per_s).tanh();
+                sum[0] += coulomb_n * share;
+                sum[1] += coulomb_n / speed_m_per_s * (1.0 - share * share);
+            }
+            Force::Power { force_n, reference_m_per_s, exponent } => {
+                let r = v / reference_m_per_s;
+                let square = r * r + STRAIGHT * STRAIGHT;
+                let power = square.powf(0.5 * (exponent - 1.0));
+                sum[0] += force_n * r * power;
+                sum[1] += force_n / reference_m_per_s * power * (1.0 + (exponent - 1.0) * r * r / square);
+            }
+            _ => {}
+        }
+    }
+    sum
+}
+
+/// Forces of place and time, `by_m` from where `slid` is up to date.
+fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, time_s: f64) -> f64 {
+    let mut sum_n = 0.0;
+    for (force, &z) in forces.iter().zip(slid) {
+        sum_n += match *force {
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => q * q * (quadratic_n_per_m2 + cubic_n_per_m3 * q),
             // A spring that would pull the mass away must not outdo the plant's own.
             Force::OneSided { stiffness_n_per_m } => stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m) * q.max(0.0),
-            Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(slid, q - from_m, presliding_m),
+            Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
                 stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
@@ -101,91 +338,19 @@ impl Laws {
             }
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         };
-        self.forces.iter().zip(&self.slid).map(force_n).sum()
     }
+    sum_n
+}
 
-    /// Friction at the velocity v that solves v + `mobility` F(v) = `free_m_per_s`; F grows with v, so v lies between zero and free.
-    fn friction_n(&self, free_m_per_s: f64, mobility: f64) -> f64 {
-        if !self.forces.iter().any(|f| matches!(f, Force::Smooth { .. } | Force::Power { .. })) {
-            return 0.0;
+fn drag(forces: &[Force], slid: &mut [f64], by_m: f64) {
+    for (force, z) in forces.iter().zip(slid) {
+        if let Force::Presliding { presliding_m, .. } = *force {
+            *z = dragged(*z, by_m, presliding_m);
         }
-        let law_n = |v: f64| -> f64 {
-            let force_n = |force: &Force| match *force {
-                Force::Smooth { coulomb_n, speed_m_per_s } => coulomb_n * (v / speed_m_per_s).tanh(),
-                Force::Power { force_n, reference_m_per_s, exponent } => {
-                    force_n * (v.abs() / reference_m_per_s).powf(exponent).copysign(v)
-                }
-                _ => 0.0,
-            };
-            self.forces.iter().map(force_n).sum()
-        };
-        let (mut low, mut high) = (0.0f64.min(free_m_per_s), 0.0f64.max(free_m_per_s));
-        let misfit = |v: f64| v + mobility * law_n(v) - free_m_per_s;
-        let (mut at_low, mut at_high) = (misfit(low), misfit(high));
-        // A force that drives instead of braking (a negative amplitude on the way of a search) has no such bracket.
-        if at_low > 0.0 || at_high < 0.0 {
-            return law_n(free_m_per_s);
-        }
-        let mut v = free_m_per_s;
-        for iteration in 0..ITERATIONS {
-            if high - low <= 1e-12 * (high.abs() + low.abs()) || at_high - at_low <= 0.0 {
-                break;
-            }
-            let chord = low + (high - low) * (-at_low / (at_high - at_low));
-            v = if iteration % 2 == 0 { chord } else { 0.5 * (low + high) };
-            let at_v = misfit(v);
-            if at_v.abs() <= 1e-10 * free_m_per_s.abs() {
-                break;
-            }
-            if at_v < 0.0 { (low, at_low) = (v, at_v) } else { (high, at_high) = (v, at_v) }
-        }
-        (free_m_per_s - v) / mobility
-    }
-
-    /// Adds what the bends do to the hysterons' rates; returns what they do to the mass, in N against its motion.
-    fn bend(&mut self, plant: &Phs, state: &dyn Fn(usize) -> f64, middle_m_per_s: f64, step_s: f64) -> f64 {
-        let alpha = plant.transduction_c_per_m;
-        let mut against_n = 0.0;
-        for bend in &self.bends {
-            for (i, hysteron) in plant.hysterons.iter().enumerate() {
-                if bend.hysteron.is_some_and(|only| only != i) || hysteron.dead_zone_v <= 0.0 {
-                    continue;
-                }
-                let edge_v = hysteron.edge_v();
-                let rate_per_s = hysteron.slope_s / hysteron.capacitance_f;
-                let charging = alpha / hysteron.capacitance_f * middle_m_per_s;
-                let stiff = rate_per_s * step_s > STIFF;
-                // Open and stiff, it sits on its edge; otherwise it is on its way to the middle of the sub-step.
-                let now_v = state(2 + i);
-                let v = if now_v.abs() >= edge_v && stiff { now_v } else { now_v + 0.5 * step_s * charging };
-                let excess_v = (v.abs() - edge_v).max(0.0);
-                self.rates[2 + i] += match bend.law {
-                    BendLaw::CapacitanceSkew(skew) => skew * (v / edge_v).clamp(-1.0, 1.0) * charging,
-                    BendLaw::SlopeSkew(skew) if !stiff => -skew * rate_per_s * excess_v,
-                    BendLaw::Exponent(exponent) if !stiff && excess_v > 0.0 => {
-                        rate_per_s * (excess_v - edge_v * (excess_v / edge_v).powf(exponent)).copysign(v)
-                    }
-                    BendLaw::Widening { share, reference_v_per_s } => {
-                        let drive_rate = middle_m_per_s.abs() * plant.stiffness_n_per_m / alpha;
-                        let wider_v = share * edge_v * drive_rate / reference_v_per_s;
-                        if stiff {
-                            if now_v.abs() >= edge_v * (1.0 - 1e-9) {
-                                against_n += alpha * wider_v.copysign(now_v);
-                            }
-                            0.0
-                        } else {
-                            (rate_per_s * wider_v.clamp(-edge_v, excess_v)).copysign(v)
-                        }
-                    }
-                    _ => 0.0,
-                };
-            }
-        }
-        against_n
     }
 }
 
-/// Dahl's z after `by_m` of motion: z' = (1 - z sign(q')) q' / presliding.
+/// Dahl's z after `by_m` of motion one way: z' = (1 - z sign(q')) q' / presliding.
 fn dragged(z: f64, by_m: f64, presliding_m: f64) -> f64 {
     let towards = by_m.signum();
     towards + (z - towards) * (-by_m.abs() / presliding_m.max(1e-15)).exp()

@@ -1,9 +1,10 @@
-//! A drive in motion: commands go in, volts at the actuator come out as one straight line per sub-step.
+//! A drive in motion: commands go in, volts at the actuator come out as one parabola per sub-step.
 //!
-//! Within a sub-step the true output may jump, ramp and decay. The line keeps its mean and its first moment. Displacement, the second
-//! integral of the force, is then right at the sub-step's end up to what spring and damper make of the difference meanwhile.
+//! Within a sub-step the true output may jump, ramp and decay. The parabola keeps its first three moments, so what it lacks is
+//! orthogonal to every parabola, and the plant, which answers over a sub-step almost like a mass, hardly feels it: of a jump of 60 V
+//! within 50 us 0.3 nm.
 
-use super::lag::LagState;
+use super::lag::{LagState, Moments};
 use super::{Drive, Held};
 use std::collections::VecDeque;
 
@@ -20,12 +21,6 @@ pub(super) struct Waveform {
     slewed_v: f64,
     lag: LagState,
     sample: u64,
-}
-
-/// Mean-preserving line over a sub-step.
-pub(super) struct Line {
-    pub start_v: f64,
-    pub slope_v_per_s: f64,
 }
 
 impl Waveform {
@@ -72,9 +67,9 @@ impl Waveform {
         self.sample += 1;
     }
 
-    /// The output between `from_s` and `from_s + duration_s` of the present sample.
-    pub(super) fn line(&mut self, from_s: f64, duration_s: f64) -> Line {
-        let mut sum = Sum::default();
+    /// The output between `from_s` and `from_s + duration_s` of the present sample: volts, slope and second derivative at its start.
+    pub(super) fn parabola(&mut self, from_s: f64, duration_s: f64) -> [f64; 3] {
+        let mut sum = Moments::default();
         let mut done_s = 0.0;
         loop {
             let arrival_s = self.underway.front().map_or(f64::INFINITY, |(given, _)| {
@@ -88,29 +83,27 @@ impl Waveform {
                 continue;
             }
             let until_s = arrival_s.min(duration_s);
-            self.hold(until_s - done_s, &mut sum);
+            self.hold(done_s, until_s - done_s, &mut sum);
             done_s = until_s;
             if done_s >= duration_s {
                 break;
             }
         }
-        let mean_v = sum.zeroth / duration_s;
-        let slope_v_per_s = 12.0 * (sum.first - 0.5 * duration_s * sum.zeroth) / duration_s.powi(3);
-        // Rounding leaves a slope of 1e-10 of a held value, which would only cost the engine its fast path.
-        let flat = slope_v_per_s.abs() * duration_s <= 1e-9 * mean_v.abs();
-        let slope_v_per_s = if flat { 0.0 } else { slope_v_per_s };
-        Line { start_v: mean_v - 0.5 * duration_s * slope_v_per_s, slope_v_per_s }
+        let [start_v, slope, curve] = sum.parabola(duration_s);
+        // Rounding leaves slopes of 1e-13 of a held value, which would only cost the engine its fast path.
+        let flat = (slope.abs() + curve.abs() * duration_s) * duration_s <= 1e-12 * start_v.abs();
+        if flat { [start_v, 0.0, 0.0] } else { [start_v, slope, curve] }
     }
 
-    /// The acting command over `duration_s`.
-    fn hold(&mut self, duration_s: f64, sum: &mut Sum) {
+    /// The acting command over `duration_s`, which begins `at_s` into the sub-step.
+    fn hold(&mut self, at_s: f64, duration_s: f64, sum: &mut Moments) {
         let at = |age_s: f64| self.drive.output_v(self.acting.start_v + self.acting.slope_v_per_s * age_s);
         let from_v = at(self.age_s);
         self.age_s += duration_s;
         let slope = if self.acting.slope_v_per_s == 0.0 { 0.0 } else { (at(self.age_s) - from_v) / duration_s };
         let most = self.drive.slew_v_per_s;
         if most == f64::INFINITY {
-            return self.pass(from_v, slope, duration_s, sum);
+            return sum.add(self.pass(from_v, slope, duration_s), at_s);
         }
         // Ramps towards the line, then follows it if it can.
         let apart = from_v - self.slewed_v;
@@ -122,27 +115,17 @@ impl Waveform {
             meeting_s.min(duration_s)
         };
         if chasing_s > 0.0 {
-            self.pass(self.slewed_v, ramp, chasing_s, sum);
+            sum.add(self.pass(self.slewed_v, ramp, chasing_s), at_s);
             self.slewed_v += ramp * chasing_s;
         }
         if duration_s > chasing_s {
             let start_v = from_v + slope * chasing_s;
-            self.pass(start_v, slope, duration_s - chasing_s, sum);
+            sum.add(self.pass(start_v, slope, duration_s - chasing_s), at_s + chasing_s);
             self.slewed_v = start_v + slope * (duration_s - chasing_s);
         }
     }
 
-    fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64, sum: &mut Sum) {
-        let piece = self.lag.pass(self.drive.lag, [from_v, slope, 0.0, 0.0], duration_s);
-        sum.zeroth += piece.zeroth;
-        sum.first += piece.first + sum.done_s * piece.zeroth;
-        sum.done_s += duration_s;
+    fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64) -> Moments {
+        self.lag.pass(self.drive.lag, [from_v, slope, 0.0, 0.0], duration_s)
     }
-}
-
-#[derive(Default)]
-struct Sum {
-    zeroth: f64,
-    first: f64,
-    done_s: f64,
 }

@@ -1,6 +1,6 @@
 //! What the engine steps: a linear system, its dead zones, and the scales that make its matrix comparable across units.
 
-use crate::chain::{Joint, Mode};
+use crate::chain::{Joint, Lag, Mode};
 use crate::phs::Phs;
 use nalgebra::{DMatrix, DVector};
 
@@ -139,5 +139,43 @@ impl Dynamics {
             (dynamics.closed, dynamics.force, dynamics.scale) = (a, force, scale);
         }
         dynamics
+    }
+
+    /// A parallel mode by itself: [displacement, velocity] under the force that drives it.
+    pub fn of_parallel(mode: &Mode, compliance_m_per_n: f64) -> Self {
+        let w = std::f64::consts::TAU * mode.hz;
+        let damper = 2.0 * mode.damping_ratio * w;
+        Self {
+            closed: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -w * w, -damper]),
+            force: DVector::from_vec(vec![0.0, compliance_m_per_n * w * w]),
+            dead_zones: Vec::new(),
+            scale: DVector::from_vec(vec![1.0 / w, 1.0]),
+            turning_rate_per_s: w + damper,
+        }
+    }
+
+    /// These dynamics with a sensor's lag behind: a state (of second order two, its value first) that follows the sum of the states `seen`
+    /// and acts on nothing.
+    pub fn with_lag(mut self, lag: Lag, seen: &[usize]) -> Self {
+        let states = self.states();
+        let (order, input, scale) = match lag {
+            Lag::First { time_constant_s } => (1, 1.0 / time_constant_s, self.scale[DISPLACEMENT]),
+            Lag::Second { natural_rad_per_s: w, .. } => (2, w * w, self.scale[DISPLACEMENT]),
+        };
+        let mut a = self.closed.resize(states + order, states + order, 0.0);
+        self.force = self.force.resize_vertically(states + order, 0.0);
+        self.scale = self.scale.resize_vertically(states + order, scale);
+        let driven = states + order - 1;
+        a[(driven, states)] = -input;
+        for &state in seen {
+            a[(driven, state)] = input;
+        }
+        if let Lag::Second { natural_rad_per_s: w, damping_ratio } = lag {
+            a[(states, driven)] = 1.0;
+            a[(driven, driven)] = -2.0 * damping_ratio * w;
+            self.scale[driven] *= w;
+        }
+        self.closed = a;
+        self
     }
 }

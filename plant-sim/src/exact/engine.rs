@@ -43,6 +43,39 @@ impl Spans {
     }
 }
 
+/// The force over a move: `force_n + slope t + curve t^2 / 2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Push {
+    /// Newton at the start.
+    pub force_n: f64,
+    /// Slope at the start in N/s.
+    pub slope: f64,
+    /// Second derivative in N/s^2.
+    pub curve: f64,
+}
+
+impl Push {
+    /// A constant force.
+    pub fn held(force_n: f64) -> Self {
+        Self { force_n, slope: 0.0, curve: 0.0 }
+    }
+
+    /// A force that changes steadily.
+    pub fn ramp(force_n: f64, slope: f64) -> Self {
+        Self { force_n, slope, curve: 0.0 }
+    }
+
+    /// The same force, seen `time_s` later.
+    #[inline(always)]
+    pub fn after(self, time_s: f64) -> Self {
+        Self {
+            force_n: self.force_n + time_s * (self.slope + 0.5 * time_s * self.curve),
+            slope: self.slope + time_s * self.curve,
+            curve: self.curve,
+        }
+    }
+}
+
 /// A, for one set of open dead zones, with its ladders of maps (one ladder per span).
 struct OpenSet<const N: usize> {
     a: Columns<N>,
@@ -232,14 +265,17 @@ impl<const N: usize> Engine<N> {
 
     /// State after `map` with the response `offset` to the region's constants.
     #[inline(always)]
-    fn moved<const RAMP: bool>(&self, map: &Linear<N>, offset: &[f64; N], force_n: f64, slope: f64) -> [f64; N] {
+    fn moved<const ORDER: u8>(&self, map: &Linear<N>, offset: &[f64; N], push: Push) -> [f64; N] {
         // Two sums, so that neither waits for the other.
         let mut y = *offset;
         let mut driven = [0.0; N];
         for i in 0..N {
-            driven[i] = map.force[i] * force_n;
-            if RAMP {
-                driven[i] += map.ramp[i] * slope;
+            driven[i] = map.force[i] * push.force_n;
+            if ORDER > 0 {
+                driven[i] += map.ramp[i] * push.slope;
+            }
+            if ORDER > 1 {
+                driven[i] += map.curve[i] * push.curve;
             }
         }
         for j in (0..N).step_by(2) {
@@ -312,7 +348,7 @@ impl<const N: usize> Engine<N> {
             })
     }
 
-    fn advance_audited<const RAMP: bool, A: Audit<N>>(&mut self, span: usize, force_n: f64, slope: f64, audit: &mut A) {
+    fn advance_audited<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, audit: &mut A) {
         let duration_s = self.durations_s[span];
         if duration_s == 0.0 {
             return;
@@ -320,30 +356,30 @@ impl<const N: usize> Engine<N> {
         if self.coarsest[span] == 0 {
             let region = &self.regions[self.region];
             let (map, offset) = &region.whole[span];
-            let y = self.moved::<RAMP>(map, &self.with_rates(map, offset), force_n, slope);
+            let y = self.moved::<ORDER>(map, &self.with_rates(map, offset), push);
             let (pull, drive) = (self.pull(&y), self.force[VELOCITY]);
-            let ends = [self.pull + drive * force_n, pull + drive * (force_n + slope * duration_s)];
+            let ends = [self.pull + drive * push.force_n, pull + drive * push.after(duration_s).force_n];
             if self.stayed(region, &y, duration_s, ends) {
-                audit.map(self, span, 0, force_n);
+                audit.map(self, span, 0, push.force_n);
                 self.x = y;
                 self.pull = pull;
                 return;
             }
         }
-        self.walk::<RAMP, A>(span, force_n, slope, audit);
+        self.walk::<ORDER, A>(span, push, audit);
         self.pull = self.pull(&self.x);
     }
 
     /// The slow path: descends the ladder where a whole move is not certain, and crosses edges.
     #[inline(never)]
-    fn walk<const RAMP: bool, A: Audit<N>>(&mut self, span: usize, force_n: f64, slope: f64, audit: &mut A) {
+    fn walk<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, audit: &mut A) {
         let duration_s = self.durations_s[span];
         let coarsest = self.coarsest[span];
         let drive = self.force[VELOCITY];
         let most_crossings = CROSSINGS_AT_ONCE * (1 + self.zones.len() as u32);
         let mut left_s = duration_s;
         let mut crossings_at_once = 0;
-        if !(force_n + slope * duration_s + self.x.iter().sum::<f64>()).is_finite() {
+        if !(push.after(duration_s).force_n + self.x.iter().sum::<f64>()).is_finite() {
             // Nothing to find in a state that is no number, and no move would ever be certain.
             self.x = [f64::NAN; N];
             return;
@@ -356,9 +392,8 @@ impl<const N: usize> Engine<N> {
             let fraction_s = left_s - ticks * tick_s;
             let mut ticks = ticks as u64;
             if fraction_s > 1e-12 * tick_s {
-                let now_n = force_n + slope * (duration_s - left_s);
-                let (moved_s, crossed) =
-                    self.finest_step(fraction_s, now_n, slope, crossings_at_once < most_crossings, audit);
+                let now = push.after(duration_s - left_s);
+                let (moved_s, crossed) = self.finest_step(fraction_s, now, crossings_at_once < most_crossings, audit);
                 crossings_at_once = if moved_s > INSTANT * tick_s { 0 } else { crossings_at_once + 1 };
                 left_s -= moved_s;
                 if crossed {
@@ -372,7 +407,7 @@ impl<const N: usize> Engine<N> {
             while ticks > 0 {
                 level = level.max(halvings - ticks.ilog2());
                 left_s = ticks as f64 * tick_s;
-                let now_n = force_n + slope * (duration_s - left_s);
+                let now = push.after(duration_s - left_s);
                 if level < halvings && outside_at == Some(ticks - (1 << (halvings - level))) {
                     level += 1;
                 }
@@ -381,11 +416,11 @@ impl<const N: usize> Engine<N> {
                 let move_s = duration_s * 0.5f64.powi(level as i32);
                 let map = &self.open_sets[region.open_set].ladders[span][rung];
                 let offset = self.with_rates(map, &region.offsets[span][rung]);
-                let y = self.moved::<RAMP>(map, &offset, now_n, slope);
+                let y = self.moved::<ORDER>(map, &offset, now);
                 let pull_y = self.pull(&y);
-                let ends = [pull + drive * now_n, pull_y + drive * (now_n + slope * move_s)];
+                let ends = [pull + drive * now.force_n, pull_y + drive * now.after(move_s).force_n];
                 if self.stayed(region, &y, move_s, ends) {
-                    audit.map(self, span, rung, now_n);
+                    audit.map(self, span, rung, now.force_n);
                     (self.x, pull) = (y, pull_y);
                     ticks -= 1 << (halvings - level);
                     level = level.saturating_sub(1).max(coarsest);
@@ -395,8 +430,7 @@ impl<const N: usize> Engine<N> {
                     }
                     level += 1;
                 } else {
-                    let (moved_s, crossed) =
-                        self.finest_step(tick_s, now_n, slope, crossings_at_once < most_crossings, audit);
+                    let (moved_s, crossed) = self.finest_step(tick_s, now, crossings_at_once < most_crossings, audit);
                     crossings_at_once = if moved_s > INSTANT * tick_s { 0 } else { crossings_at_once + 1 };
                     if crossed {
                         left_s -= moved_s;
@@ -412,14 +446,7 @@ impl<const N: usize> Engine<N> {
 
     /// Moves by at most `step_s`, no longer than a finest step, up to the first crossing; returns the time moved and whether a
     /// crossing ended it.
-    fn finest_step<A: Audit<N>>(
-        &mut self,
-        step_s: f64,
-        force_n: f64,
-        slope: f64,
-        may_cross: bool,
-        audit: &mut A,
-    ) -> (f64, bool) {
+    fn finest_step<A: Audit<N>>(&mut self, step_s: f64, push: Push, may_cross: bool, audit: &mut A) -> (f64, bool) {
         if let Some((zone, sign)) = self.leaving_an_edge().filter(|_| may_cross) {
             let DeadZone { state, edge, .. } = self.zones[zone];
             self.x[state] = edge.copysign(self.x[state]);
@@ -437,9 +464,10 @@ impl<const N: usize> Engine<N> {
                 match degree {
                     1 => {
                         let rate = self.rates.as_ref().map_or(0.0, |rates| rates[i]);
-                        next[i] += self.force[i] * force_n + region.constant[i] + rate;
+                        next[i] += self.force[i] * push.force_n + region.constant[i] + rate;
                     }
-                    2 => next[i] += self.force[i] * slope,
+                    2 => next[i] += self.force[i] * push.slope,
+                    3 => next[i] += 0.5 * self.force[i] * push.curve,
                     _ => {}
                 }
                 next[i] *= RECIPROCAL[degree];
@@ -447,14 +475,14 @@ impl<const N: usize> Engine<N> {
             series.terms[degree] = next;
         }
         let end = series.at(step_s);
-        let ends = [series.terms[1][VELOCITY], self.pull(&end) + self.force[VELOCITY] * (force_n + slope * step_s)];
+        let ends = [series.terms[1][VELOCITY], self.pull(&end) + self.force[VELOCITY] * push.after(step_s).force_n];
         let crossing = if may_cross && !self.stayed(region, &end, step_s, ends) {
             self.first_crossing(signs, &series, step_s, &end, ends)
         } else {
             None
         };
         let moved_s = crossing.map_or(step_s, |c| c.time_s);
-        audit.series(self, &series, moved_s, force_n);
+        audit.series(self, &series, moved_s, push.force_n);
         self.x = if crossing.is_some() { series.at(moved_s) } else { end };
         if let Some(Crossing { zone, sign, level, .. }) = crossing {
             self.x[self.zones[zone].state] = level;
@@ -534,7 +562,7 @@ impl<const N: usize> Engine<N> {
     }
 
     pub(crate) fn advance_with<A: Audit<N>>(&mut self, span: usize, force_n: f64, audit: &mut A) {
-        self.advance_audited::<false, A>(span, force_n, 0.0, audit);
+        self.advance_audited::<0, A>(span, Push::held(force_n), audit);
     }
 
     pub(crate) fn span_s(&self, span: usize, rung: usize) -> f64 {
@@ -673,17 +701,23 @@ fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> 
 
 impl<const N: usize> Stepper for Engine<N> {
     fn advance(&mut self, span: usize, force_n: f64, slope_n_per_s: f64) {
-        if slope_n_per_s == 0.0 {
-            self.advance_audited::<false, NoAudit>(span, force_n, 0.0, &mut NoAudit);
+        self.push(span, Push::ramp(force_n, slope_n_per_s));
+    }
+
+    fn push(&mut self, span: usize, push: Push) {
+        if push.curve != 0.0 {
+            self.advance_audited::<2, NoAudit>(span, push, &mut NoAudit);
+        } else if push.slope != 0.0 {
+            self.advance_audited::<1, NoAudit>(span, push, &mut NoAudit);
         } else {
-            self.advance_audited::<true, NoAudit>(span, force_n, slope_n_per_s, &mut NoAudit);
+            self.advance_audited::<0, NoAudit>(span, push, &mut NoAudit);
         }
     }
 
     fn record(&mut self, forces_n: &mut dyn Iterator<Item = f64>, displacement_m: &mut Vec<f64>) {
         for force_n in forces_n {
             displacement_m.push(self.x[DISPLACEMENT]);
-            self.advance_audited::<false, NoAudit>(0, force_n, 0.0, &mut NoAudit);
+            self.advance_audited::<0, NoAudit>(0, Push::held(force_n), &mut NoAudit);
         }
     }
 

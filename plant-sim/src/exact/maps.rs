@@ -39,20 +39,23 @@ pub(crate) struct Linear<const N: usize> {
     pub force: [f64; N],
     /// Response to a force that grows by one newton per second from zero.
     pub ramp: [f64; N],
+    /// Response to a force t^2/2, in newton.
+    pub curve: [f64; N],
     /// Integral of exp(A s) over the duration: response to constants in any state's equation.
     pub constant: Columns<N>,
 }
 
 impl<const N: usize> Default for Linear<N> {
     fn default() -> Self {
-        Self { state: [[0.0; N]; N], force: [0.0; N], ramp: [0.0; N], constant: [[0.0; N]; N] }
+        Self { state: [[0.0; N]; N], force: [0.0; N], ramp: [0.0; N], curve: [0.0; N], constant: [[0.0; N]; N] }
     }
 }
 
 /// The maps over `duration / 2^level` for the levels `coarsest ..= finest`, coarsest first.
 ///
 /// All maps come from the finest by doubling. exp(A t) - I is what is doubled, never exp(A t), because near the finest step the
-/// identity would swallow the digits of A t: D(2t) = 2 D + D^2; Phi(2t) = 2 Phi + D Phi; Psi(2t) = Psi + exp(A t) Psi + t Phi b.
+/// identity would swallow the digits of A t: D(2t) = 2 D + D^2; Phi(2t) = 2 Phi + D Phi; Psi(2t) = Psi + exp(A t) Psi + t Phi b for the
+/// ramp, and for the curve Chi(2t) = Chi + exp(A t) Chi + t Psi + t^2/2 Phi b.
 pub(crate) fn ladder<const N: usize>(
     a: &Columns<N>,
     force: &[f64; N],
@@ -61,9 +64,9 @@ pub(crate) fn ladder<const N: usize>(
     finest: u32,
 ) -> Vec<Linear<N>> {
     let mut t = duration_s * 0.5f64.powi(finest as i32);
-    // Phi = t (I + A t / 2! + (A t)^2 / 3! + ..), by Horner; D = A Phi; Psi = t^2 (I/2! + A t / 3! + ..) b.
+    // Phi = t (I + A t / 2! + (A t)^2 / 3! + ..), by Horner; D = A Phi; Psi = t^2 (I/2! + A t / 3! + ..) b; Chi = t^3 (I/3! + ..) b.
     let mut phi = [[0.0; N]; N];
-    let mut psi = [0.0; N];
+    let (mut psi, mut chi) = ([0.0; N], [0.0; N]);
     for degree in (0..=DEGREE).rev() {
         let weight = t / (degree as f64 + 2.0);
         phi = multiply(a, &phi);
@@ -73,10 +76,11 @@ pub(crate) fn ladder<const N: usize>(
             }
             phi[j][j] += 1.0;
         }
-        psi = apply(a, &psi);
-        let weight = t / (degree as f64 + 3.0);
+        (psi, chi) = (apply(a, &psi), apply(a, &chi));
+        let weights = [t / (degree as f64 + 3.0), t / (degree as f64 + 4.0)];
         for i in 0..N {
-            psi[i] = psi[i] * weight + force[i];
+            psi[i] = psi[i] * weights[0] + force[i];
+            chi[i] = chi[i] * weights[1] + force[i];
         }
     }
     for j in 0..N {
@@ -84,6 +88,7 @@ pub(crate) fn ladder<const N: usize>(
             phi[j][i] *= t;
         }
         psi[j] *= 0.5 * t * t;
+        chi[j] *= t * t * t / 6.0;
     }
     let mut d = multiply(a, &phi);
     let mut maps = Vec::with_capacity((finest - coarsest + 1) as usize);
@@ -94,13 +99,14 @@ pub(crate) fn ladder<const N: usize>(
             column[j] += 1.0;
         }
         let forced = apply(&phi, force);
-        maps.push(Linear { state, force: forced, ramp: psi, constant: phi });
+        maps.push(Linear { state, force: forced, ramp: psi, curve: chi, constant: phi });
         if level == coarsest {
             break;
         }
         level -= 1;
-        let pushed = apply(&d, &psi);
+        let (pushed, bent) = (apply(&d, &psi), apply(&d, &chi));
         for i in 0..N {
+            chi[i] = 2.0 * chi[i] + bent[i] + t * psi[i] + 0.5 * t * t * forced[i];
             psi[i] = 2.0 * psi[i] + pushed[i] + t * forced[i];
         }
         let (d_phi, d_d) = (multiply(&d, &phi), multiply(&d, &d));

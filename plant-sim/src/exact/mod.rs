@@ -20,7 +20,7 @@ mod engine;
 mod maps;
 
 pub use dynamics::{DeadZone, Dynamics, MAX_STATES};
-pub use engine::{Engine, Spans};
+pub use engine::{Engine, Push, Spans};
 
 use crate::phs::{Phs, PhsState};
 
@@ -42,6 +42,8 @@ pub fn stepper(dynamics: &Dynamics, spans: Spans) -> Box<dyn Stepper> {
 pub trait Stepper: Send {
     /// Moves the state over span `span` (an index into [`Spans`]) with the force held at `force_n` plus `slope_n_per_s` times time.
     fn advance(&mut self, span: usize, force_n: f64, slope_n_per_s: f64);
+    /// Moves the state over span `span` with the force `push`.
+    fn push(&mut self, span: usize, push: Push);
     /// Holds the force of each sample over the whole of span 0 and writes the displacement at the sample's start.
     ///
     /// One call for a whole record: the open-loop case without a call per sample.
