@@ -174,10 +174,13 @@ fn fit(trace: &Trace<'_>, stretch: &Stretch) -> Option<PeriodicStretch> {
         drive_squares_v2 += trace.drive_v[k] * trace.drive_v[k];
         terms[0] = 1.0;
         terms[1] = 2.0 * (k - from) as f64 / (to - from) as f64 - 1.0;
-        let angle_rad = step_rad * (k as f64 - stretch.start);
-        for order in 1..=N_HARMONICS {
-            let (sin, cos) = (order as f64 * angle_rad).sin_cos();
-            (terms[2 * order], terms[2 * order + 1]) = (cos, sin);
+        let (sin, cos) = (step_rad * (k as f64 - stretch.start)).sin_cos();
+        (terms[2], terms[3]) = (cos, sin);
+        for order in 2..=N_HARMONICS {
+            // The next harmonic is the last one turned once more: one sine per sample instead of seven.
+            let (last_cos, last_sin) = (terms[2 * order - 2], terms[2 * order - 1]);
+            (terms[2 * order], terms[2 * order + 1]) =
+                (last_cos * cos - last_sin * sin, last_sin * cos + last_cos * sin);
         }
         for row in 0..N_TERMS {
             of_residual[row] += terms[row] * trace.residual_m[k];
@@ -187,6 +190,7 @@ fn fit(trace: &Trace<'_>, stretch: &Stretch) -> Option<PeriodicStretch> {
             }
         }
     }
+    // The decomposition reads the lower triangle only.
     let solver = normal.cholesky()?;
     let (residual, drive) = (solver.solve(&of_residual), solver.solve(&of_drive));
     // A step within two periods of a sine passes for their period, but not for their harmonics.

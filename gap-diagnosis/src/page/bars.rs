@@ -14,7 +14,7 @@ pub struct Share<'a> {
     pub ink: Ink,
 }
 
-/// A line of [`Page::bar_list`].
+/// A line of [`BarList`].
 #[derive(Debug, Clone)]
 pub struct BarItem {
     /// What it is.

@@ -260,6 +260,7 @@ pub fn diagnosis_page(view: &DiagnosisView) -> Page {
     gap(&mut page, view);
     ranking(&mut page, view);
     effects(&mut page, view);
+    rivals(&mut page, &view.rivals);
     next(&mut page, &view.next);
     if let Some(found) = &view.location {
         page.section("Where the gap lies");
@@ -268,7 +269,6 @@ pub fn diagnosis_page(view: &DiagnosisView) -> Page {
     }
     logs(&mut page, &view.logs);
     responses(&mut page, &view.responses);
-    rivals(&mut page, &view.rivals);
     if let Some(left) = &view.unexplained {
         unexplained(&mut page, left);
     }
@@ -301,7 +301,7 @@ fn gap(page: &mut Page, view: &DiagnosisView) {
         "µm²",
         &[
             part("noise", noise.min(nominal), Ink::Measured),
-            part("explained by the refit of nominal parameters", nominal - refit, Ink::Other),
+            part("explained by the refit of nominal parameters", nominal - refit, Ink::Extra),
             part("explained by the named effects", refit - left, Ink::Model),
             part("unexplained", left - noise, Ink::Error),
         ],

@@ -49,34 +49,34 @@ fn bands(before: &Where, after: Option<&Where>) -> BarList {
 
 fn strips(page: &mut Page, before: &Where, after: Option<&Where>) {
     let of_after = |idx: usize| after.and_then(|after| after.logs.get(idx)).map(|log| &log.power);
+    // Two logs may have one name; the first segment of each log begins at 0.
+    let per_log = before.segments.chunk_by(|_, later| later.from_s > 0.0);
     let strips: Vec<Strip> = before
         .logs
         .iter()
+        .zip(per_log)
         .enumerate()
-        .map(|(idx, log)| {
-            let segments: Vec<_> = before.segments.iter().filter(|segment| segment.log == log.log).collect();
-            Strip {
-                label: log.log.clone(),
-                note: format!(
-                    "{} in {} s, rms {}, noise {}",
-                    short_percent(log.power.share_percent),
-                    three_digits(log.duration_s),
-                    rms_note(&log.power, of_after(idx)),
-                    short_percent(log.power.noise_percent)
-                ),
-                values: segments.iter().map(|segment| segment.power.share_percent).collect(),
-                readings: segments
-                    .iter()
-                    .map(|segment| {
-                        format!(
-                            "{}: {} of the gap, rms {}",
-                            range(segment.from_s, segment.to_s, "s"),
-                            short_percent(segment.power.share_percent),
-                            rms_note(&segment.power, None)
-                        )
-                    })
-                    .collect(),
-            }
+        .map(|(idx, (log, segments))| Strip {
+            label: log.log.clone(),
+            note: format!(
+                "{} in {} s, rms {}, noise {}",
+                short_percent(log.power.share_percent),
+                three_digits(log.duration_s),
+                rms_note(&log.power, of_after(idx)),
+                short_percent(log.power.noise_percent)
+            ),
+            values: segments.iter().map(|segment| segment.power.share_percent).collect(),
+            readings: segments
+                .iter()
+                .map(|segment| {
+                    format!(
+                        "{}: {} of the gap, rms {}",
+                        range(segment.from_s, segment.to_s, "s"),
+                        short_percent(segment.power.share_percent),
+                        rms_note(&segment.power, None)
+                    )
+                })
+                .collect(),
         })
         .collect();
     page.strips(

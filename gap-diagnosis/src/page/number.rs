@@ -48,7 +48,7 @@ pub(super) fn short_percent(percent: f64) -> String {
         _ if percent.abs() >= 9.95 || percent == 0.0 => format!("{percent:.0} %"),
         _ if percent.abs() >= 0.095 => format!("{percent:.1} %"),
         _ if percent.abs() >= 0.0095 => format!("{percent:.2} %"),
-        _ => "< 0.01 %".to_owned(),
+        _ => "<0.01 %".to_owned(),
     }
     .replace('-', "−")
 }
@@ -134,7 +134,7 @@ mod tests {
         );
         assert_eq!(
             [0.0, 99.6, 12.34, 3.21, 0.04, 1e-9].map(short_percent),
-            ["0 %", "100 %", "12 %", "3.2 %", "0.04 %", "< 0.01 %"]
+            ["0 %", "100 %", "12 %", "3.2 %", "0.04 %", "<0.01 %"]
         );
     }
 
