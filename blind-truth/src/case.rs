@@ -102,7 +102,10 @@ pub fn make(request: &Request) -> Case {
             Some(target) => find_amplitude(&plain, planted, &plans, log_seed, target * noise_m),
         };
         (planted.apply)(amplitude, &mut bench);
-        let short = name.split(':').next().unwrap_or(name);
+        let short = name.trim_start_matches("foreign: ").split(':').next().unwrap_or(name);
+        if let Some(target) = target {
+            parameters.push((format!("{short}.aimed_gap_over_noise"), target));
+        }
         parameters.push((format!("{short}.{}", planted.amplitude), amplitude));
         parameters.extend(planted.parameters.iter().map(|(key, value)| (format!("{short}.{key}"), *value)));
     }
@@ -234,7 +237,7 @@ fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u6
     let mut x = 0.5 * (below + above);
     let mut slope = 1.0;
     let mut before: Option<(f64, f64)> = None;
-    for _ in 0..6 {
+    for _ in 0..10 {
         let y = gap_at(x.exp()).ln();
         if (y - goal).abs() < 0.14 {
             break;

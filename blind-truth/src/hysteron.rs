@@ -94,8 +94,8 @@ impl Prepared {
                     let over = (v.abs() - side.half_v * widen).max(0.0) / reference_v;
                     if over > 0.0 { side.lambda * reference_v * over.powf(exponent) * v.signum() } else { 0.0 }
                 };
-                let mid = v + 0.5 * h_s * (rate - leak(v));
-                return v + h_s * (rate - leak(mid));
+                // The leak turns over in milliseconds, so that its own share of the midpoint is beyond need.
+                return v + h_s * (rate - leak(v + 0.5 * h_s * rate));
             }
         } * widen;
         // By symmetry only v >= 0 need be written out.

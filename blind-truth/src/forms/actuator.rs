@@ -63,12 +63,6 @@ pub(super) const FORMS: &[Form] = &[
     },
     Form {
         effect: ParameterError,
-        name: "slow slope",
-        splits: CR,
-        draw: |rng| wrong(rng, |f, b| slow(b, |s| s.slope_s *= f)),
-    },
-    Form {
-        effect: ParameterError,
         name: "slow capacitance",
         splits: R,
         draw: |rng| wrong(rng, |f, b| slow(b, |s| s.capacitance_f *= f)),
@@ -339,7 +333,7 @@ fn start_both(rng: &mut Pcg64) -> Planted {
 }
 
 fn just_moved(rest_s: f64) -> Planted {
-    Planted::new("step_V", (15.0, 60.0), move |a, bench| bench.history = History::JustMoved { volts: a, rest_s })
+    Planted::new("step_V", (35.0, 60.0), move |a, bench| bench.history = History::JustMoved { volts: a, rest_s })
         .with("rest_s", rest_s)
         .as_drawn()
 }

@@ -245,11 +245,11 @@ fn payload_damped(rng: &mut Pcg64) -> Planted {
     .as_drawn()
 }
 
-/// How far the stop reaches into the stroke; 60 V make about 105 um when slow.
-const STOP: (f64, f64) = (0.005, 0.6);
+/// How far the stop reaches into the largest stroke, overshoot included.
+const STOP: (f64, f64) = (0.01, 0.6);
 
 fn stop_gap_m(reach: f64) -> f64 {
-    1.05 * STROKE_M * (1.0 - reach)
+    1.25 * STROKE_M * (1.0 - reach)
 }
 
 fn stop_linear(rng: &mut Pcg64) -> Planted {
