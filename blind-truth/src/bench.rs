@@ -5,9 +5,9 @@
 //!   q' = w,   M w' = alpha (V - sum v_i) - k q - b w + forces,   v_i' = (alpha w - h_i(v_i)) / C_i
 //!
 //! Scheme: staggered leapfrog. Positions, hysteron voltages and all other states that follow the motion live on whole
-//! steps, the velocity on half steps. A hysteron's step at constant velocity is exact, so its stiffness (0.94 us) sets no
-//! limit; damping is implicit. The scheme is symmetric and of second order, and an equilibrium is a fixed point of it:
-//! all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
+//! steps, the velocity on half steps. A hysteron's step at constant velocity is exact, so its stiffness (0.94 us) sets
+//! no limit; damping is implicit. The scheme is symmetric and of second order, and an equilibrium is a fixed point of
+//! it: all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
 //! Drive parts work with the mean voltage of each kick interval, so edges may fall anywhere.
 
 use crate::drive::{Drive, Memory};

@@ -237,7 +237,7 @@ fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u6
     let mut x = 0.5 * (below + above);
     let mut slope = 1.0;
     let mut before: Option<(f64, f64)> = None;
-    for _ in 0..10 {
+    for _ in 0..7 {
         let y = gap_at(x.exp()).ln();
         if (y - goal).abs() < 0.14 {
             break;

@@ -1,6 +1,7 @@
 //! What the bench is driven with: the set of logs of design.md, and variations of it.
 //!
-//! All sequences start from 0 V (or the rest level) for a while, so that row 0 is at rest and the noise can be read off.
+//! All sequences start from 0 V (or the rest level) for a while, so that row 0 is at rest and the noise can be
+//! read off.
 
 use crate::bench::Loop;
 use crate::effects::Split;

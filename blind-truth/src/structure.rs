@@ -160,8 +160,8 @@ impl Force {
     /// Velocity after dry friction, given that before the step and the one that the step would reach without friction.
     ///
     /// Coulomb is exact for a force that is constant over the step: the mass slows down, stops within the step if it
-    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms stay
-    /// below that. `h_over_m` is step over mass.
+    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms
+    /// stay below that. `h_over_m` is step over mass.
     #[inline]
     pub(crate) fn rub(&self, before: f64, free: f64, h_over_m: f64) -> f64 {
         match self {

@@ -31,7 +31,7 @@ fn assert_sane(case: &Case) {
     assert_eq!((case.logs.len(), case.held_out.len()), (5, 2));
     for record in records(case) {
         assert_eq!(record.command_v.len(), record.displacement_um.len());
-        assert!(record.command_v.len() > 4_000, "{form}: {}", record.name);
+        assert!(record.command_v.len() > 2_500, "{form}: {}", record.name);
         let top =
             record.displacement_um.iter().fold(0.0, |top: f64, y| if y.is_finite() { top.max(y.abs()) } else { 1e9 });
         assert!(top < 200.0, "{form}: {} reaches {top} um", record.name);
@@ -81,7 +81,8 @@ fn a_null_has_no_gap_and_the_noise_it_claims() {
         assert_sane(&case);
         assert_eq!(case.truth.gap_over_noise, 0.0);
         assert_eq!(case.truth.form, "");
-        // The first 30 ms of the hold are at rest: 300 or 600 rows, so 5 % is 1.2 sigma of the smaller; noise may be coloured.
+        // The first 30 ms of the hold are at rest: 300 or 600 rows, so white noise reads within 4 % (1 sigma),
+        // coloured noise, with fewer independent rows, within some more.
         let hold = case.logs.iter().find(|log| log.name.contains("hold")).unwrap();
         let rest = &hold.displacement_um[..(0.029 * hold.rate_hz) as usize];
         let mean = rest.iter().sum::<f64>() / rest.len() as f64;

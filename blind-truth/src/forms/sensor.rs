@@ -76,7 +76,7 @@ fn offset_large(rng: &mut Pcg64) -> Planted {
     let sign = sign(rng);
     Planted::new("offset_m", LARGE_OFFSET_M, move |a, bench| bench.measures.push(Measure::Offset(sign * a)))
         .with("sign", sign)
-        .as_drawn()
+        .any_gap()
 }
 
 fn offset_per_log(rng: &mut Pcg64) -> Planted {
@@ -86,7 +86,7 @@ fn offset_per_log(rng: &mut Pcg64) -> Planted {
     })
     .with("sign", sign)
     .with("spread_over_mean", 0.3)
-    .as_drawn()
+    .any_gap()
 }
 
 fn gain(rng: &mut Pcg64) -> Planted {

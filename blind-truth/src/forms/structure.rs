@@ -223,7 +223,7 @@ fn friction_lugre(rng: &mut Pcg64) -> Planted {
 const PAYLOAD: (f64, f64) = (0.15, 0.6);
 
 fn payload(_: &mut Pcg64) -> Planted {
-    Planted::new("mass_share", PAYLOAD, |a, bench| bench.mass_kg *= 1.0 + a).as_drawn()
+    Planted::new("mass_share", PAYLOAD, |a, bench| bench.mass_kg *= 1.0 + a).any_gap()
 }
 
 fn payload_mounted(rng: &mut Pcg64) -> Planted {
@@ -232,7 +232,7 @@ fn payload_mounted(rng: &mut Pcg64) -> Planted {
         bench.forces.push(Force::Absorber { kg: a * bench.mass_kg, hz, damping_ratio: 0.05 });
     })
     .with("mount_hz", hz)
-    .as_drawn()
+    .any_gap()
 }
 
 fn payload_damped(rng: &mut Pcg64) -> Planted {
@@ -242,7 +242,7 @@ fn payload_damped(rng: &mut Pcg64) -> Planted {
         bench.damping_n_s_per_m *= 1.0 + damping;
     })
     .with("damping_share", damping)
-    .as_drawn()
+    .any_gap()
 }
 
 /// How far the stop reaches into the largest stroke, overshoot included.
