@@ -170,7 +170,7 @@ fn plain_bench(split: Split, noise_m: f64, rng: &mut Pcg64) -> Bench {
     Bench { history, offset_m, ..nominal::bench(&numbers, noise) }
 }
 
-fn play_one(bench: &Bench, plan: &Plan, seed: u64, step_s: f64) -> Record {
+pub(crate) fn play_one(bench: &Bench, plan: &Plan, seed: u64, step_s: f64) -> Record {
     let source = match plan.law {
         None => Source::Open(&plan.rows),
         Some(law) => Source::Closed(&plan.rows, law),
@@ -206,7 +206,7 @@ fn rms(parts: &[(f64, usize)]) -> f64 {
 }
 
 /// Amplitude for a wanted gap: secant on logarithms inside the sane bounds. It stops at 15 %: a size is no measurement.
-fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u64, wanted_m: f64) -> f64 {
+pub(crate) fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u64, wanted_m: f64) -> f64 {
     let (low, high) = planted.bounds;
     // Open loop throughout, with the plain bench's own commands in the closed-loop log: one reference serves every try.
     let numbered: Vec<(usize, &Plan)> = plans.iter().enumerate().collect();

@@ -1,8 +1,8 @@
 //! A hysteron: a capacitor with a leak that conducts outside a dead zone only (thesis 2.4 to 2.6).
 //!
 //! v' = r - h(v)/C with v = Q/C and r = (alpha/C) q'. For constant r every branch is linear, so a step is exact,
-//! however fast the leak is (C/beta is 0.94 us for the fast one). Leaks that are not linear take an explicit step and are
-//! for slow hysterons only.
+//! however fast the leak is (C/beta is 0.94 us for the fast one). Leaks that are not linear take an explicit step and
+//! are for slow hysterons only.
 
 /// One polarity of a hysteron: the two differ where the hysteresis is asymmetric.
 #[derive(Clone, Copy, Debug, PartialEq)]

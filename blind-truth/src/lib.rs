@@ -18,6 +18,8 @@ mod bench;
 mod case;
 mod drive;
 mod effects;
+#[cfg(test)]
+mod form_tests;
 mod forms;
 mod hysteron;
 #[cfg(test)]

@@ -116,7 +116,8 @@ fn clip_one_sided(rng: &mut Pcg64) -> Planted {
 }
 
 fn clip_uneven(rng: &mut Pcg64) -> Planted {
-    let share = rng.random_range(0.3..0.8);
+    // Both sides must bite: 60 V lie a tenth below the largest command.
+    let share = rng.random_range(0.82..0.96);
     Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
         bench.drives.push(Drive::Clip { min_v: -LARGEST_V * (1.0 - share * a), max_v: LARGEST_V * (1.0 - a) });
     })

@@ -56,7 +56,7 @@ fn second_order_of(damping_ratio: f64) -> Planted {
 }
 
 fn second_order(rng: &mut Pcg64) -> Planted {
-    second_order_of(rng.random_range(0.65..1.0))
+    second_order_of(rng.random_range(0.55..0.75))
 }
 
 fn ringing(rng: &mut Pcg64) -> Planted {
