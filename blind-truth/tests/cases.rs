@@ -148,8 +148,7 @@ fn forms_differ_between_splits() {
 }
 
 #[test]
-fn forms_of_one_effect_move_differently() {
-    // Same seed and excitation in Calibrate and Report would still differ; so look at forms inside one split and size.
+fn a_split_draws_all_of_its_forms() {
     let subject = || Subject::Effects(vec![EffectId::CoulombFriction]);
     let seen: BTreeSet<String> = (0..8).map(|seed| short(seed, subject(), Split::Report).truth.form).collect();
     assert_eq!(seen.len(), 2, "{seen:?}");
