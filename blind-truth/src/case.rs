@@ -64,7 +64,7 @@ pub struct Case {
 }
 
 /// Step of the runs that look for the amplitude. Coarse: they decide sizes, never a record.
-const SEARCH_STEP_S: f64 = 2.5e-6;
+const SEARCH_STEP_S: f64 = 4e-6;
 
 /// Offset that any bench of `Calibrate` and `Report` may have.
 const NUISANCE_OFFSET_M: f64 = 1e-6;
