@@ -5,9 +5,9 @@
 //!   q' = w,   M w' = alpha (V - sum v_i) - k q - b w + forces,   v_i' = (alpha w - h_i(v_i)) / C_i
 //!
 //! Scheme: staggered leapfrog. Positions, hysteron voltages and all other states that follow the motion live on whole
-//! steps, the velocity on half steps. A hysteron's step at constant velocity is exact, so its stiffness (0.94 us) sets no
-//! limit; damping is implicit. The scheme is symmetric and of second order, and an equilibrium is a fixed point of it:
-//! all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
+//! steps, the velocity on half steps. A hysteron's step at constant velocity is exact, so its stiffness (0.94 us) sets
+//! no limit; damping is implicit. The scheme is symmetric and of second order, and an equilibrium is a fixed point of
+//! it: all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
 //! Drive parts work with the mean voltage of each kick interval, so edges may fall anywhere.
 
 use crate::drive::{Drive, Memory};
@@ -506,13 +506,14 @@ impl Motion {
     pub(crate) fn step(&mut self, bench: &Bench, v: f64, t_s: f64, h: f64) -> f64 {
         self.drive_v = v;
         let alpha = bench.transduction_c_per_m;
-        let steady = alpha * (v - self.v.iter().sum::<f64>()) - bench.stiffness_n_per_m * self.q_m;
+        let actuator_n = alpha * (v - self.v.iter().sum::<f64>());
+        let steady = actuator_n - bench.stiffness_n_per_m * self.q_m;
         let (inverse, keep) = self.kick;
         let kick = |force: f64, w: f64| keep * w + h * inverse * force;
         let before = self.w_m_per_s;
-        let mut w = kick(steady + self.pushes(bench, before, t_s), before);
+        let mut w = kick(steady + self.pushes(bench, before, t_s, actuator_n), before);
         if self.needs_corrector {
-            w = kick(steady + self.pushes(bench, 0.5 * (before + w), t_s), before);
+            w = kick(steady + self.pushes(bench, 0.5 * (before + w), t_s, actuator_n), before);
         }
         if self.is_dry {
             for part in &bench.forces {
@@ -543,8 +544,8 @@ impl Motion {
         y
     }
 
-    fn pushes(&self, bench: &Bench, w: f64, t_s: f64) -> f64 {
-        bench.forces.iter().zip(&self.forces).map(|(part, m)| part.newtons(m, self.q_m, w, t_s)).sum()
+    fn pushes(&self, bench: &Bench, w: f64, t_s: f64, actuator_n: f64) -> f64 {
+        bench.forces.iter().zip(&self.forces).map(|(part, m)| part.newtons(m, self.q_m, w, t_s, actuator_n)).sum()
     }
 
     /// Puts row 0 out of equilibrium.

@@ -64,7 +64,7 @@ pub struct Case {
 }
 
 /// Step of the runs that look for the amplitude. Coarse: they decide sizes, never a record.
-const SEARCH_STEP_S: f64 = 2.5e-6;
+const SEARCH_STEP_S: f64 = 4e-6;
 
 /// Offset that any bench of `Calibrate` and `Report` may have.
 const NUISANCE_OFFSET_M: f64 = 1e-6;
@@ -102,7 +102,10 @@ pub fn make(request: &Request) -> Case {
             Some(target) => find_amplitude(&plain, planted, &plans, log_seed, target * noise_m),
         };
         (planted.apply)(amplitude, &mut bench);
-        let short = name.split(':').next().unwrap_or(name);
+        let short = name.trim_start_matches("foreign: ").split(':').next().unwrap_or(name);
+        if let Some(target) = target {
+            parameters.push((format!("{short}.aimed_gap_over_noise"), target));
+        }
         parameters.push((format!("{short}.{}", planted.amplitude), amplitude));
         parameters.extend(planted.parameters.iter().map(|(key, value)| (format!("{short}.{key}"), *value)));
     }
@@ -167,7 +170,7 @@ fn plain_bench(split: Split, noise_m: f64, rng: &mut Pcg64) -> Bench {
     Bench { history, offset_m, ..nominal::bench(&numbers, noise) }
 }
 
-fn play_one(bench: &Bench, plan: &Plan, seed: u64, step_s: f64) -> Record {
+pub(crate) fn play_one(bench: &Bench, plan: &Plan, seed: u64, step_s: f64) -> Record {
     let source = match plan.law {
         None => Source::Open(&plan.rows),
         Some(law) => Source::Closed(&plan.rows, law),
@@ -203,7 +206,7 @@ fn rms(parts: &[(f64, usize)]) -> f64 {
 }
 
 /// Amplitude for a wanted gap: secant on logarithms inside the sane bounds. It stops at 15 %: a size is no measurement.
-fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u64, wanted_m: f64) -> f64 {
+pub(crate) fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u64, wanted_m: f64) -> f64 {
     let (low, high) = planted.bounds;
     // Open loop throughout, with the plain bench's own commands in the closed-loop log: one reference serves every try.
     let numbered: Vec<(usize, &Plan)> = plans.iter().enumerate().collect();
@@ -234,7 +237,7 @@ fn find_amplitude(plain: &Bench, planted: &Planted, plans: &[Plan], log_seed: u6
     let mut x = 0.5 * (below + above);
     let mut slope = 1.0;
     let mut before: Option<(f64, f64)> = None;
-    for _ in 0..6 {
+    for _ in 0..7 {
         let y = gap_at(x.exp()).ln();
         if (y - goal).abs() < 0.14 {
             break;

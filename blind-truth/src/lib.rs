@@ -1,8 +1,8 @@
 //! Measured-looking logs from a true piezo bench that contains a known effect.
 //!
-//! A diagnosis is tested on cases whose answer is known. That test is worth something only if the cases do not share the
-//! diagnosis' equations, so this room depends on no other of ours: it has its own integrator, loop, excitation and text
-//! writing, and besides the textbook forms of each effect others, by [`Split`]. It diagnoses and scores nothing.
+//! A diagnosis is tested on cases whose answer is known. That test is worth something only if the cases do not share
+//! the diagnosis' equations, so this room depends on no other of ours: it has its own integrator, loop, excitation and
+//! text writing, and besides the textbook forms of each effect others, by [`Split`]. It diagnoses and scores nothing.
 //!
 //! ```
 //! use blind_truth::{EffectId, Request, Size, Split, Subject, make};
@@ -18,6 +18,8 @@ mod bench;
 mod case;
 mod drive;
 mod effects;
+#[cfg(test)]
+mod form_tests;
 mod forms;
 mod hysteron;
 #[cfg(test)]

@@ -111,7 +111,8 @@ pub(crate) fn plant_toml(noise_um: f64) -> String {
         "# Nominal plant of a made case: thesis Table 2.1.\nschema = \"hysteron-model-1\"\nname = \"nominal plant\"\n\
          kind = \"phs\"\n\n[actuator]\n{actuator}{hysterons}\n[structure]\n{structure}\n[sensor]\n\
          noise_um = {{ value = {noise_um:.6}, sigma = 0.1, source = \"data sheet\" }}\n\n[rig]\n\
-         drive_min_V = {{ value = -90.0, source = \"assumed\" }}\ndrive_max_V = {{ value = 90.0, source = \"assumed\" }}\n\
+         drive_min_V = {{ value = -90.0, source = \"assumed\" }}\n\
+         drive_max_V = {{ value = 90.0, source = \"assumed\" }}\n\
          displacement_max_um = {{ value = 120.0, source = \"thesis, section 3\" }}\n"
     )
 }

@@ -41,9 +41,9 @@ pub(crate) enum Force {
     Absorber { kg: f64, hz: f64, damping_ratio: f64 },
     /// F = -a k cos(2 pi f t) q: parametric resonance.
     Pumped { n_per_m: f64, hz: f64 },
-    /// Where the inertia's pull -M w' exceeds the preload, the excess of it is not carried: F = -s max(0, ...) with w'
-    /// taken from the spring, -k q/M (foreign).
-    PreloadGap { preload_n: f64, n_per_m: f64, share: f64 },
+    /// The actuator and its share (1 - s) of the spring push through a contact that carries tension up to the preload
+    /// only: F = max(0, -P - A), A = F_actuator - (1 - s) k q (foreign).
+    PreloadGap { preload_n: f64, n_per_m: f64 },
     /// F = -dk (t/tau / (1 + t/tau)) q: stiffness that moves with a warming bench.
     WarmingSpring { n_per_m: f64, tau_s: f64 },
 }
@@ -52,8 +52,10 @@ impl Force {
     /// Memory at the start; `phase_rad` is random per log.
     pub(crate) fn begin(&self, phase_rad: f64) -> Memory {
         let mut memory = [0.0; 32];
-        if matches!(self, Force::Periodic { .. } | Force::Pumped { .. }) {
-            memory[0] = phase_rad;
+        match self {
+            Force::Periodic { .. } | Force::Pumped { .. } => memory[0] = phase_rad,
+            Force::Engaging { at_m, over_m, .. } => memory[0] = softplus(-at_m, *over_m),
+            _ => {}
         }
         memory
     }
@@ -71,19 +73,16 @@ impl Force {
         matches!(self, Force::Coulomb { .. } | Force::TanhFriction { .. })
     }
 
-    /// Force at position `q`, velocity `w`, time `t_s` since the first row.
+    /// Force at position `q`, velocity `w`, time `t_s` since the first row; `actuator_n` is alpha (V - sum v_i).
     #[inline]
-    pub(crate) fn newtons(&self, m: &Memory, q: f64, w: f64, t_s: f64) -> f64 {
+    pub(crate) fn newtons(&self, m: &Memory, q: f64, w: f64, t_s: f64, actuator_n: f64) -> f64 {
         match self {
             Force::Cubic { n_per_m3 } => -n_per_m3 * q * q * q,
             Force::Quintic { n_per_m5 } => -n_per_m5 * q * q * q * q * q,
             Force::Levelling { n_per_m, at_m } => n_per_m * q * (q * q / (at_m * at_m + q * q)),
             Force::Quadratic { n_per_m2 } => -n_per_m2 * q * q,
             Force::Bilinear { n_per_m } => -n_per_m * q.max(0.0),
-            Force::Engaging { n_per_m, at_m, over_m } => {
-                let soft = |q: f64| over_m * ((q - at_m) / over_m).exp().ln_1p();
-                -n_per_m * (soft(q) - soft(0.0))
-            }
+            Force::Engaging { n_per_m, at_m, over_m } => -n_per_m * (softplus(q - at_m, *over_m) - m[0]),
             Force::Stop { n_per_m, gap_m } => -n_per_m * (q - gap_m).max(0.0),
             Force::HuntCrossley { n_per_m15, gap_m, s_per_m } => {
                 let depth = (q - gap_m).max(0.0);
@@ -109,11 +108,7 @@ impl Force {
                 kg * w2 * (w2 * (m[0] - q) + 2.0 * damping_ratio * (m[1] - w))
             }
             Force::Pumped { n_per_m, hz, .. } => -n_per_m * (TAU * hz * t_s + m[0]).cos() * q,
-            Force::PreloadGap { preload_n, n_per_m, share } => {
-                // Stored tension is what the actuator would have to pull; see the variant.
-                let pull = -n_per_m * q - preload_n;
-                if pull > 0.0 && w < 0.0 { -share * pull } else { 0.0 }
-            }
+            Force::PreloadGap { preload_n, n_per_m } => (n_per_m * q - actuator_n - preload_n).max(0.0),
             Force::WarmingSpring { n_per_m, tau_s } => {
                 let warm = t_s.max(0.0) / tau_s;
                 -n_per_m * q * warm / (1.0 + warm)
@@ -128,7 +123,8 @@ impl Force {
         match self {
             Force::Bristle { coulomb_n, static_n, stribeck_m_per_s, n_per_m } => {
                 let ratio = w / stribeck_m_per_s;
-                let limit = coulomb_n + (static_n - coulomb_n) * (-ratio * ratio).exp();
+                let extra_n = static_n - coulomb_n;
+                let limit = coulomb_n + if extra_n > 0.0 { extra_n * (-ratio * ratio).exp() } else { 0.0 };
                 // z' = w - s0 |w| z / g is linear in z at constant w: exact.
                 let goal = w.signum() * limit / n_per_m;
                 m[0] = goal + (m[0] - goal) * (-n_per_m * w.abs() * h_s / limit).exp();
@@ -164,8 +160,8 @@ impl Force {
     /// Velocity after dry friction, given that before the step and the one that the step would reach without friction.
     ///
     /// Coulomb is exact for a force that is constant over the step: the mass slows down, stops within the step if it
-    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms stay
-    /// below that. `h_over_m` is step over mass.
+    /// must, and then stays or slides back. tanh is trapezoidal, which cannot ring as long as n h/M < 2 ws; the forms
+    /// stay below that. `h_over_m` is step over mass.
     #[inline]
     pub(crate) fn rub(&self, before: f64, free: f64, h_over_m: f64) -> f64 {
         match self {
@@ -209,4 +205,9 @@ impl Force {
             _ => free,
         }
     }
+}
+
+/// max(0, x) with its corner rounded over `over`.
+fn softplus(x: f64, over: f64) -> f64 {
+    over * (x / over).exp().ln_1p()
 }

@@ -62,12 +62,12 @@ fn ringing(rng: &mut Pcg64) -> Planted {
 }
 
 fn limited_lag(rng: &mut Pcg64) -> Planted {
-    // Limits only the edges of steps, not the sines: 60 V at 150 Hz need 5.7e4 V/s.
-    let limit_v_per_s = log_uniform(rng, 1e5, 6e5);
+    // Linear while command and output are less than this apart.
+    let swing_v = rng.random_range(8.0..30.0);
     Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| {
-        bench.drives.push(Drive::LimitedLag { tau_s: a, limit_v_per_s });
+        bench.drives.push(Drive::LimitedLag { tau_s: a, limit_v_per_s: swing_v / a });
     })
-    .with("limit_V_per_s", limit_v_per_s)
+    .with("linear_below_V", swing_v)
 }
 
 /// 25 kV/s to 50 MV/s: the slowest still follows 60 V at 60 Hz.
@@ -95,8 +95,8 @@ fn slew_soft(rng: &mut Pcg64) -> Planted {
     .with("tau_s", tau_s)
 }
 
-/// The largest command of the sines; a clip is given as what it takes from that.
-const LARGEST_V: f64 = 60.0;
+/// The largest command of any log; a clip is given as what it takes from that.
+const LARGEST_V: f64 = 66.0;
 
 fn clip(_: &mut Pcg64) -> Planted {
     Planted::new("share_cut", (0.002, 0.5), |a, bench| {
@@ -116,7 +116,8 @@ fn clip_one_sided(rng: &mut Pcg64) -> Planted {
 }
 
 fn clip_uneven(rng: &mut Pcg64) -> Planted {
-    let share = rng.random_range(0.3..0.8);
+    // Both sides must bite: 60 V lie a tenth below the largest command.
+    let share = rng.random_range(0.82..0.96);
     Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
         bench.drives.push(Drive::Clip { min_v: -LARGEST_V * (1.0 - share * a), max_v: LARGEST_V * (1.0 - a) });
     })

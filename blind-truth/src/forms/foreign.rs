@@ -18,17 +18,15 @@ pub(super) fn draw(kind: ForeignKind, rng: &mut Pcg64) -> Planted {
             .with("tau_s", tau_s)
         }
         ForeignKind::PreloadGap => {
-            // Tension beyond the preload opens the contact: the more so the smaller the preload.
-            let recovery = rng.random_range(0.1..0.5);
-            Planted::new("opening_share", (0.02, 0.9), move |a, bench| {
-                let preload_m_per_s2 = 4000.0 * (1.0 - a);
+            // 60 V push with 2.8 N; a fast step back pulls as hard, a slow one with the preload spring's share only.
+            let spring_share = rng.random_range(0.15..0.5);
+            Planted::new("opening_share", (0.02, 0.95), move |a, bench| {
                 bench.forces.push(Force::PreloadGap {
-                    preload_n: preload_m_per_s2 * bench.mass_kg,
-                    n_per_m: bench.stiffness_n_per_m,
-                    share: recovery,
+                    preload_n: 4.0 * (1.0 - a),
+                    n_per_m: (1.0 - spring_share) * bench.stiffness_n_per_m,
                 });
             })
-            .with("stiffness_lost", recovery)
+            .with("preload_spring_share", spring_share)
         }
         ForeignKind::SelfHeatingHysteresis => {
             let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.05, 0.5));
@@ -36,7 +34,7 @@ pub(super) fn draw(kind: ForeignKind, rng: &mut Pcg64) -> Planted {
                 .with("sign", sign)
                 .with("tau_s", tau_s)
         }
-        ForeignKind::ControlClipping => Planted::new("inverse_change_limit_per_V", (0.02, 4.0), |a, bench| {
+        ForeignKind::ControlClipping => Planted::new("inverse_change_limit_per_V", (0.01, 4.0), |a, bench| {
             bench.timing.change_limit_v = Some(1.0 / a);
         }),
         ForeignKind::MultiplicativeNoise => Planted::new("share", (1e-4, 0.05), |a, bench| {

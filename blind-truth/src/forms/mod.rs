@@ -1,7 +1,7 @@
 //! The forms in which each effect occurs, and which split shows which: the table of tables is [`all`].
 //!
-//! A form draws its shape from the typical ranges of anchors.md section F and leaves one amplitude open; `case` finds the
-//! amplitude that gives the wanted gap.
+//! A form draws its shape from the typical ranges of anchors.md section F and leaves one amplitude open; `case` finds
+//! the amplitude that gives the wanted gap.
 
 mod actuator;
 mod drive;
@@ -84,7 +84,7 @@ impl Planted {
         self
     }
 
-    pub(crate) fn as_drawn(mut self) -> Self {
+    pub(crate) fn any_gap(mut self) -> Self {
         self.band = None;
         self
     }

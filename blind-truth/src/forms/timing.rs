@@ -38,7 +38,7 @@ fn delay_all_pass(_: &mut Pcg64) -> Planted {
 }
 
 /// Jitter adds in rms over moving rows only, and more than a third of a row is no jitter.
-const JITTER: (f64, f64) = (2.0, 15.0);
+const JITTER: (f64, f64) = (3.0, 15.0);
 
 fn jitter_uniform(_: &mut Pcg64) -> Planted {
     Planted::new("half_width_s", (5e-7, 2e-5), |a, bench| {
@@ -53,15 +53,15 @@ fn jitter_gaussian(_: &mut Pcg64) -> Planted {
 }
 
 fn jitter_late(rng: &mut Pcg64) -> Planted {
-    let one_in = log_uniform(rng, 3.0, 15.0);
-    Planted::new("mean_s", (1e-6, 2e-5), move |a, bench| {
+    let one_in = log_uniform(rng, 2.0, 8.0);
+    Planted::new("mean_s", (1e-6, 2.5e-5), move |a, bench| {
         bench.timing.jitter = Some(Jitter::RareLate { one_in, mean_s: a });
     })
     .with("one_in", one_in)
     .band(JITTER.0, JITTER.1)
 }
 
-const LOST: (f64, f64) = (2.0, 20.0);
+const LOST: (f64, f64) = (3.0, 20.0);
 
 fn lost_rows(_: &mut Pcg64) -> Planted {
     Planted::new("probability", (2e-4, 0.08), |a, bench| bench.digitises.push(Digitise::Repeat { probability: a }))
