@@ -8,8 +8,8 @@ use crate::phs::Phs;
 
 /// Error of the voltage in one inner step: 0.6 pm of displacement.
 const VOLTAGE_ERROR: f64 = 3e-7;
-/// Shortest inner step: at 10 kV/s a corner costs 0.1 mV there, or 0.2 nm.
-const SHORTEST_S: f64 = 1e-8;
+/// Shortest inner step: at 10 kV/s a corner costs 1 uV there.
+const SHORTEST_S: f64 = 1e-10;
 /// Share of the edge below which a power of the excess is straight: 0.2 mV or 0.4 nm, well above the error of the inner steps.
 const STRAIGHT: f64 = 3e-5;
 
