@@ -20,18 +20,26 @@ fn main() {
         let z = bench.origin(hypothesis, values);
         let chain = bench.chain_at(hypothesis, &z, 0);
         let start = bench.start_at(hypothesis, &z, 0, &chain);
+        let mut coarse = chain.clone();
+        coarse.parts.is_coarse = true;
         let begun = Instant::now();
-        predict(&chain, &log, &start, log.len());
-        begun.elapsed().as_secs_f64() / log.len() as f64 * 1e9
+        let fast = predict(&coarse, &log, &start, log.len());
+        let ns = begun.elapsed().as_secs_f64() / log.len() as f64 * 1e9;
+        let slow = predict(&chain, &log, &start, log.len());
+        let plain = predict(&bench.chain, &log, &start, log.len());
+        let rms = |a: &[f64], b: &[f64]| {
+            1e9 * (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+        };
+        format!("{ns:.0} ns, coarse differs by {:.3} nm of {:.0} nm effect", rms(&fast, &slow), rms(&slow, &plain))
     };
-    println!("nominal {:.0} ns", time(&base, &[]));
-    println!("nominal {:.0} ns", time(&base, &[]));
+    println!("nominal {}", time(&base, &[]));
+    println!("nominal {}", time(&base, &[]));
     for effect in REGISTRY {
         for form in effect.forms() {
             let hypothesis = base.with(*effect, form, &bench.scales());
             let axes = &hypothesis.installed[0].axes;
             let values: Vec<f64> = axes.iter().map(|a| a.starts()[a.starts().len() / 2]).collect();
-            println!("{} {} {:.0} ns", effect.id(), form.name, time(&hypothesis, &[values]));
+            println!("{} {} {}", effect.id(), form.name, time(&hypothesis, &[values]));
         }
     }
 }

@@ -8,8 +8,10 @@ use crate::phs::Phs;
 
 /// Error of the voltage in one inner step: 0.6 pm of displacement.
 const VOLTAGE_ERROR: f64 = 3e-7;
-/// Shortest inner step: at 10 kV/s a corner costs 0.1 mV there, or 0.2 nm.
-const SHORTEST_S: f64 = 1e-8;
+/// Shortest inner step: at 10 kV/s a corner costs 1 uV there.
+const SHORTEST_S: f64 = 1e-10;
+/// The same two for coarse laws: 0.4 nm.
+const COARSE_INNER: [f64; 2] = [2e-4, 1e-7];
 /// Share of the edge below which a power of the excess is straight: 0.2 mV or 0.4 nm, well above the error of the inner steps.
 const STRAIGHT: f64 = 3e-5;
 
@@ -29,11 +31,12 @@ pub(super) struct Leak {
     /// Volts that the last sub-step left out: the mass did not end quite where it was foreseen, and the engine charges without skew.
     owed_v: f64,
     skewed: f64,
+    inner: [f64; 2],
 }
 
 impl Leak {
     /// The bent hysterons of a plant.
-    pub(super) fn of(plant: &Phs, bends: &[Bend]) -> Vec<Self> {
+    pub(super) fn of(plant: &Phs, bends: &[Bend], is_coarse: bool) -> Vec<Self> {
         let alpha = plant.transduction_c_per_m;
         let mut leaks = Vec::new();
         for (i, hysteron) in plant.hysterons.iter().enumerate() {
@@ -53,6 +56,7 @@ impl Leak {
                 wider: 0.0,
                 owed_v: 0.0,
                 skewed: 0.0,
+                inner: if is_coarse { COARSE_INNER } else { [VOLTAGE_ERROR, SHORTEST_S] },
             };
             for bend in bends.iter().filter(own) {
                 match bend.law {
@@ -73,7 +77,7 @@ impl Leak {
     /// `sum` the moments of the force by which the two differ on the way.
     pub(super) fn follow(&mut self, from_v: f64, path: &Path, step_s: f64, sum: &mut Moments) -> f64 {
         let now_v = from_v + self.owed_v;
-        let (end_v, moments) = relax(now_v, step_s, [VOLTAGE_ERROR, SHORTEST_S], |v, t| self.slope(v, path.motion(t)));
+        let (end_v, moments) = relax(now_v, step_s, self.inner, |v, t| self.slope(v, path.motion(t)));
         self.skewed = self.capacitance_skew * (end_v / self.edge_v).clamp(-1.0, 1.0);
         let by_m = path.at(step_s) - path.0[0];
         let rate = (end_v - from_v - self.per_metre * by_m) / step_s;

@@ -11,6 +11,7 @@ mod lag;
 mod leak;
 mod parts;
 mod path;
+pub mod power;
 mod readout;
 mod relax;
 mod sensor;
@@ -143,7 +144,7 @@ impl Simulator {
                 if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { 1 };
             let laws = parts
                 .need_substeps()
-                .then(|| Box::new(Laws::new(&chain.plant, &parts.forces, &parts.bends, &modes, dynamics.states())));
+                .then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
             let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
             (Pace::Fine { waveform, laws, count }, Spans::whole(sample_s / count as f64))
         } else {
@@ -218,6 +219,21 @@ impl Simulator {
         unpack(self.stepper.as_ref(), self.plant.hysterons.len())
     }
 
+    /// The state of the plant and of the parts that store energy or turn it into heat, at the present sample's start.
+    pub fn snapshot(&self) -> power::Snapshot {
+        let first_mode = self.plant.hysterons.len() + 2;
+        let modes = self.modes.iter().enumerate().filter(|(_, mode)| matches!(mode.joint, Joint::Attached { .. }));
+        let slid = match &self.pace {
+            Pace::Fine { laws: Some(laws), .. } => laws.slid().to_vec(),
+            _ => Vec::new(),
+        };
+        power::Snapshot {
+            plant: self.state(),
+            attached: modes.map(|(i, _)| [0, 1].map(|part| self.stepper.state(first_mode + 2 * i + part))).collect(),
+            slid,
+        }
+    }
+
     /// Displacement and velocity of the structure, in metres and m/s, at the present sample's start.
     pub fn motion(&self) -> (f64, f64) {
         (self.stepper.state(0), self.stepper.state(1))
@@ -259,7 +275,11 @@ impl Simulator {
                         for (_, mode) in &mut self.outside {
                             mode.push(0, push);
                         }
-                        let against = laws.foresee(&|i| stepper.state(i), pull, time_s, step_s);
+                        let state = &mut [0.0; MAX_STATES];
+                        for (i, value) in state[..laws.states()].iter_mut().enumerate() {
+                            *value = stepper.state(i);
+                        }
+                        let against = laws.foresee(state, pull, time_s, step_s);
                         push.force_n -= against[0];
                         push.slope -= against[1];
                         push.curve -= against[2];

@@ -12,6 +12,7 @@ use super::leak::Leak;
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
+use crate::exact::MAX_STATES;
 use crate::phs::Phs;
 use std::f64::consts::TAU;
 
@@ -23,8 +24,14 @@ const MOST: f64 = 64.0;
 const STIFF: f64 = 0.5;
 /// Error of a velocity in one inner step, m/s: what creeps with it for a second creeps by 10 nm at most, and by far less because errors alternate.
 const VELOCITY_ERROR: f64 = 1e-8;
+/// Foreseen ends this close count as one: the load that differs is worth 1e-8 m/s.
+const SAME_M: f64 = 2e-11;
 /// Shortest inner step against friction: at 1 km/s^2 a speed of 1e-9 m/s.
 const SHORTEST_S: f64 = 1e-12;
+/// The same two for coarse laws.
+const COARSE_INNER: [f64; 2] = [2e-5, 1e-7];
+/// .. and the product of rate and sub-step.
+const COARSE_SUBSTEP: f64 = 0.6;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
 /// makes 0.1 nm a second at 0.1 m/s.
 const STRAIGHT: f64 = 1e-9;
@@ -41,6 +48,11 @@ pub(super) struct Laws {
     hysterons: Vec<Element>,
     leaks: Vec<Leak>,
     attached: Vec<Attached>,
+    /// Mean friction over the last sub-step.
+    rubbed_n: f64,
+    /// Error and shortest length of inner steps against friction, and how often the path is foreseen anew.
+    inner: [f64; 2],
+    rounds: usize,
     quadrature: Quadrature,
     elastic: bool,
     friction: bool,
@@ -99,13 +111,16 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
     let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
     // A widening acts like a damper.
-    let widening: f64 = Leak::of(plant, &parts.bends).iter().map(Leak::damping_n_s_per_m).sum();
+    let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
     let rate = rate.max(4.0 * widening / plant.mass_kg);
-    (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, MOST) as usize
+    let product = if parts.is_coarse { COARSE_SUBSTEP } else { SUBSTEP };
+    (rate * sample_s / product).log2().ceil().exp2().clamp(1.0, MOST) as usize
 }
 
 impl Laws {
-    pub(super) fn new(plant: &Phs, forces: &[Force], bends: &[Bend], modes: &[Mode], states: usize) -> Self {
+    pub(super) fn new(plant: &Phs, parts: &Parts, modes: &[Mode], states: usize) -> Self {
+        let Parts { forces, bends, is_coarse, .. } = parts;
+        let is_coarse = *is_coarse;
         let alpha = plant.transduction_c_per_m;
         let element = |h: &crate::phs::Hysteron| Element {
             per_metre: alpha / h.capacitance_f,
@@ -120,6 +135,8 @@ impl Laws {
             }
             Joint::Parallel { .. } => None,
         });
+        // A power below one is steep where it is straight: an error above that speed would jump to and fro across zero.
+        let singular = forces.iter().any(|f| matches!(f, Force::Power { exponent, .. } if *exponent < 1.0));
         let friction = |f: &Force| matches!(f, Force::Smooth { .. } | Force::Power { .. });
         Self {
             plant: plant.clone(),
@@ -128,13 +145,30 @@ impl Laws {
             slid_then: vec![0.0; forces.len()],
             end_m: 0.0,
             hysterons: plant.hysterons.iter().map(element).collect(),
-            leaks: Leak::of(plant, bends),
+            leaks: Leak::of(plant, bends, is_coarse),
             attached: attached.collect(),
+            rubbed_n: 0.0,
+            inner: match (is_coarse, singular) {
+                (true, _) => COARSE_INNER,
+                (false, true) => [1e-2 * VELOCITY_ERROR, SHORTEST_S],
+                (false, false) => [VELOCITY_ERROR, SHORTEST_S],
+            },
+            rounds: if is_coarse { 1 } else { 3 },
             quadrature: Quadrature::of(forces),
             elastic: forces.iter().any(|f| !friction(f)),
             friction: forces.iter().any(friction),
             rates: vec![0.0; states],
         }
+    }
+
+    /// States of the engine that the laws look at.
+    pub(super) fn states(&self) -> usize {
+        self.rates.len()
+    }
+
+    /// z of each presliding friction, zero for other forces.
+    pub(super) fn slid(&self) -> &[f64] {
+        &self.slid
     }
 
     /// Additions to the rates of the states over the sub-step foreseen last; `None` if no hysteron is bent.
@@ -144,13 +178,7 @@ impl Laws {
 
     /// Foresees the sub-step of `step_s` that begins at `time_s`, while the drive pulls with `pull` (newton, slope, second derivative):
     /// the laws' force against the motion, in the same form.
-    pub(super) fn foresee(
-        &mut self,
-        state: &dyn Fn(usize) -> f64,
-        pull: [f64; 3],
-        time_s: f64,
-        step_s: f64,
-    ) -> [f64; 3] {
+    pub(super) fn foresee(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64) -> [f64; 3] {
         let mut sum = Moments::default();
         let path = if self.friction {
             self.rub(state, pull, time_s, step_s, &mut sum)
@@ -173,7 +201,7 @@ impl Laws {
             });
         }
         for leak in &mut self.leaks {
-            let v = state(2 + leak.hysteron);
+            let v = state[2 + leak.hysteron];
             self.rates[2 + leak.hysteron] = leak.follow(v, &path, step_s, &mut sum);
         }
         sum.parabola(step_s)
@@ -191,8 +219,8 @@ impl Laws {
     }
 
     /// Path without friction: a cubic from the acceleration at the start and in the middle.
-    fn free_path(&self, state: &dyn Fn(usize) -> f64, pull: [f64; 3], time_s: f64, step_s: f64) -> Path {
-        let (q, v) = (state(0), state(1));
+    fn free_path(&self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64) -> Path {
+        let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
         let acceleration = |at_m: f64, at_m_per_s: f64, t: f64| {
@@ -205,25 +233,27 @@ impl Laws {
     }
 
     /// Path against friction, and friction's moments.
-    fn rub(&self, state: &dyn Fn(usize) -> f64, pull: [f64; 3], time_s: f64, step_s: f64, sum: &mut Moments) -> Path {
-        let (q, v) = (state(0), state(1));
+    fn rub(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64, sum: &mut Moments) -> Path {
+        let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
-        let mut path = Path([q, v, 0.0, 0.0]);
         let half = 0.5 * step_s;
         let start = self.load_n(state, pull, modes, [q, v], 0.0, time_s) / m;
+        // A first guess with the friction of the sub-step before.
+        let mut path = Path([q, v, 0.5 * (start - (self.rubbed_n + b * v) / m), 0.0]);
         let mut rubbed = Moments::default();
-        for _ in 0..2 {
+        for _ in 0..self.rounds {
             let load = |t: f64| self.load_n(state, pull, modes, [path.at(t), path.motion(t)[0]], t, time_s) / m;
             let (middle, end) = (load(half), load(step_s));
             // The parabola through the three.
             let (slope, curve) =
                 ((4.0 * middle - 3.0 * start - end) / step_s, 4.0 * (start - 2.0 * middle + end) / (step_s * step_s));
-            let (end_m_per_s, moments) = relax(v, step_s, [VELOCITY_ERROR, SHORTEST_S], |v, t| {
+            let (end_m_per_s, moments) = relax(v, step_s, self.inner, |v, t| {
                 let [force, by_v] = friction(&self.forces, v);
                 let load = start + t * (slope + 0.5 * t * curve);
                 [load - (force + b * v) / m, -(by_v + b) / m, slope + t * curve]
             });
+            let foreseen_m = path.at(step_s);
             path = Path::between(q, v, q + moments.zeroth, end_m_per_s, step_s);
             // Friction is what load and damper don't explain of the change of velocity.
             let h = step_s;
@@ -239,7 +269,11 @@ impl Laws {
                         - (h * h * end_m_per_s - 2.0 * moments.first))
                     - b * moments.second,
             };
+            if (path.at(step_s) - foreseen_m).abs() < SAME_M {
+                break;
+            }
         }
+        self.rubbed_n = rubbed.zeroth / step_s;
         sum.add(rubbed, 0.0);
         path
     }
@@ -247,17 +281,17 @@ impl Laws {
     /// Force on the mass without damper and friction, with the mass at `q` and moving at `w` after `t` of the sub-step.
     fn load_n(
         &self,
-        state: &dyn Fn(usize) -> f64,
+        state: &[f64; MAX_STATES],
         pull: [f64; 3],
         modes: [f64; 2],
         [q, w]: [f64; 2],
         t: f64,
         time_s: f64,
     ) -> f64 {
-        let by_m = q - state(0);
+        let by_m = q - state[0];
         let mut held_v = 0.0;
         for (i, hysteron) in self.hysterons.iter().enumerate() {
-            let v = state(2 + i);
+            let v = state[2 + i];
             let closed_v = v + hysteron.per_metre * by_m;
             held_v += if hysteron.edge_v > 0.0 && hysteron.rate_per_s * t > STIFF {
                 let leak = self.leaks.iter().find(|leak| leak.hysteron == i);
@@ -284,10 +318,10 @@ impl Laws {
     }
 
     /// Force of the attached modes on the mass, and its slope.
-    fn modes(&self, state: &dyn Fn(usize) -> f64, v: f64) -> [f64; 2] {
+    fn modes(&self, state: &[f64; MAX_STATES], v: f64) -> [f64; 2] {
         let mut sum = [0.0; 2];
         for mode in &self.attached {
-            let (apart_m, apart_m_per_s) = (state(mode.state) - state(0), state(mode.state + 1) - v);
+            let (apart_m, apart_m_per_s) = (state[mode.state] - state[0], state[mode.state + 1] - v);
             let pull = mode.spring * apart_m + mode.damper * apart_m_per_s;
             sum[0] += mode.mass_kg * pull;
             sum[1] += mode.mass_kg * (mode.spring * apart_m_per_s - mode.damper * pull);

@@ -1,0 +1,172 @@
+//! Errors against Runge-Kutta. Each line of a table holds the bound in nm, twice what was measured and rounded up; the lower half of the
+//! check (a hundredth of it, for what is not exact) says that the rival is a rival and the part is there.
+
+use crate::rival::{bender, chain, distance, held, lively, ours, rival, slow_sine, with_drive, with_force};
+use plant_sim::chain::{
+    Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Warming,
+};
+
+/// Runge-Kutta steps of 0.1 us.
+const STEPS: usize = 500;
+/// What a bound of exact parts is, in nm: the rival's own error at corners.
+const EXACT_NM: f64 = 1e-3;
+
+fn check(table: Vec<(&str, Chain, f64)>, command_v: &[f64]) {
+    let mut failed = Vec::new();
+    for (name, chain, bound_nm) in table {
+        let error_nm = 1e9 * distance(&ours(&chain, command_v), &rival(&chain, command_v, STEPS));
+        println!("{name}: {error_nm:.4} nm");
+        let least_nm = if bound_nm <= EXACT_NM { 0.0 } else { 1e-2 * bound_nm };
+        if !(least_nm..=bound_nm).contains(&error_nm) {
+            failed.push(format!("{name}: {error_nm:.4} nm against {bound_nm} nm"));
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+fn with_bend(hysteron: usize, law: BendLaw) -> Chain {
+    Chain { parts: Parts { bends: vec![Bend { hysteron: Some(hysteron), law }], ..Parts::default() }, ..chain() }
+}
+
+fn with_mode(joint: Joint, hz: f64, forces: Vec<Force>) -> Chain {
+    Chain {
+        parts: Parts { modes: vec![Mode { joint, hz, damping_ratio: 0.02 }], forces, ..Parts::default() },
+        ..chain()
+    }
+}
+
+fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
+    let stop = |at_m, stiffness_n_per_m| Force::Stop { at_m, stiffness_n_per_m };
+    let power = |exponent| Force::Power { force_n: 0.1, reference_m_per_s: 0.1, exponent };
+    vec![
+        ("cubic spring", Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }, [0.2, EXACT_NM]),
+        ("quadratic spring", Force::Spring { quadratic_n_per_m2: 2e7, cubic_n_per_m3: 0.0 }, [0.6, 0.005]),
+        ("one-sided", Force::OneSided { stiffness_n_per_m: 3000.0 }, [0.9, 0.015]),
+        ("one-sided, softer", Force::OneSided { stiffness_n_per_m: -3000.0 }, [0.9, 0.015]),
+        ("presliding 2 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }, [0.1, 0.005]),
+        ("presliding 0.3 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-7 }, [0.03, 0.003]),
+        ("tanh 1 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 }, [0.8, 0.1]),
+        ("tanh 10 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-2 }, [0.3, 0.02]),
+        ("power 0.3", power(0.3), [0.2, 0.01]),
+        ("power 1", power(1.0), [0.4, 0.01]),
+        ("power 2", power(2.0), [1.0, EXACT_NM]),
+        ("stop above, 20 k", stop(70e-6, 5e5), [0.15, EXACT_NM]),
+        ("stop below, 20 k", stop(-70e-6, 5e5), [0.15, 0.002]),
+        ("stop above, k", stop(70e-6, 25e3), [0.25, 0.005]),
+        ("line 300 Hz", Force::Line { hz: 300.0, cos_n: 0.02, sin_n: 0.01 }, [EXACT_NM, EXACT_NM]),
+        ("line 1500 Hz", Force::Line { hz: 1500.0, cos_n: 0.02, sin_n: 0.01 }, [EXACT_NM, EXACT_NM]),
+    ]
+}
+
+#[test]
+fn forces_in_steps_and_a_fast_sine() {
+    check(forces().into_iter().map(|(name, force, bounds)| (name, with_force(force), bounds[0])).collect(), &lively());
+}
+
+#[test]
+fn forces_in_a_slow_sine() {
+    let table = forces().into_iter().map(|(name, force, bounds)| (name, with_force(force), bounds[1])).collect();
+    check(table, &slow_sine(10.0));
+}
+
+#[test]
+fn bends() {
+    let widening = |share| BendLaw::Widening { share, reference_v_per_s: 1e4 };
+    let table = vec![
+        ("capacitance skew, fast", with_bend(0, BendLaw::CapacitanceSkew(0.2)), 0.9),
+        ("capacitance skew, slow", with_bend(1, BendLaw::CapacitanceSkew(0.2)), 0.5),
+        ("slope skew, fast", with_bend(0, BendLaw::SlopeSkew(0.3)), 0.9),
+        ("slope skew, slow", with_bend(1, BendLaw::SlopeSkew(0.3)), 0.05),
+        ("exponent 0.8, fast", with_bend(0, BendLaw::Exponent(0.8)), 6.0),
+        ("exponent 1.3, fast", with_bend(0, BendLaw::Exponent(1.3)), 0.7),
+        ("exponent 2, fast", with_bend(0, BendLaw::Exponent(2.0)), 0.6),
+        ("exponent 0.5, slow", with_bend(1, BendLaw::Exponent(0.5)), 0.1),
+        ("exponent 2, slow", with_bend(1, BendLaw::Exponent(2.0)), 0.1),
+        // It damps as much as half the plant's own damper, and with 0.5 by 2.4 times as much.
+        ("widening 0.1, fast", with_bend(0, widening(0.1)), 1.5),
+        ("widening 0.5, fast", with_bend(0, widening(0.5)), 9.0),
+        ("widening 0.5, slow", with_bend(1, widening(0.5)), 0.05),
+    ];
+    check(table, &lively());
+}
+
+#[test]
+fn drives() {
+    let ideal = Drive::IDEAL;
+    let first = |time_constant_s| Some(Lag::First { time_constant_s });
+    let second = |natural_rad_per_s, damping_ratio| Some(Lag::Second { natural_rad_per_s, damping_ratio });
+    let warm = |heat| Some(Warming { coefficient: 0.05, time_constant_s: 0.02, heat });
+    let table = vec![
+        ("lag 20 us", with_drive(Drive { lag: first(20e-6), ..ideal.clone() }), 0.06),
+        ("lag 100 us", with_drive(Drive { lag: first(100e-6), ..ideal.clone() }), 0.003),
+        ("lag 100 us, late", with_drive(Drive { delay_s: 18.5e-6, lag: first(100e-6), ..ideal.clone() }), 0.04),
+        ("lag 5 us, late", with_drive(Drive { delay_s: 18.5e-6, lag: first(5e-6), ..ideal.clone() }), 0.5),
+        ("lag 1 ms", with_drive(Drive { lag: first(1e-3), ..ideal.clone() }), EXACT_NM),
+        ("second order 1 kHz", with_drive(Drive { lag: second(6283.0, 0.5), ..ideal.clone() }), 0.002),
+        (
+            "second order, damping 1, 2.5 samples late",
+            with_drive(Drive { delay_s: 125e-6, lag: second(31416.0, 1.0), ..ideal.clone() }),
+            0.05,
+        ),
+        ("second order, damping 0.2", with_drive(Drive { lag: second(31416.0, 0.2), ..ideal.clone() }), 0.04),
+        ("slew 0.05 V/us", with_drive(Drive { slew_v_per_s: 5e4, ..ideal.clone() }), 0.02),
+        ("slew 0.5 V/us", with_drive(Drive { slew_v_per_s: 5e5, ..ideal.clone() }), 0.08),
+        ("slew 3 V/us, late", with_drive(Drive { delay_s: 25e-6, slew_v_per_s: 3e6, ..ideal.clone() }), 0.3),
+        ("slew and lag", with_drive(Drive { slew_v_per_s: 1e5, lag: first(100e-6), ..ideal.clone() }), 0.008),
+        ("knee", with_drive(Drive { range_v: [-50.0, 45.0], knee_v: 3.0, ..ideal.clone() }), EXACT_NM),
+        ("gain, curvature", with_drive(Drive { gain: 1.1, curvature_per_v: 1e-3, ..ideal.clone() }), EXACT_NM),
+        ("warms by itself", with_drive(Drive { warming: warm(Heat::Time), ..ideal.clone() }), 0.4),
+        ("warms by drive", with_drive(Drive { warming: warm(Heat::Drive { volts: 60.0 }), ..ideal }), 1.7),
+    ];
+    check(table, &lively());
+}
+
+#[test]
+fn modes_and_sensors() {
+    let (attached, parallel) = (Joint::Attached { mass_kg: 5e-5 }, Joint::Parallel { compliance_m_per_n: 1e-6 });
+    let cubic = || vec![Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }];
+    let lag = |lag, delay_s| Chain {
+        sensor: Sensor { lag: Some(lag), ..Sensor::IDEAL },
+        ..with_drive(Drive { delay_s, ..Drive::IDEAL })
+    };
+    let bent = Sensor {
+        gain: 0.97,
+        quadratic_per_m: 100.0,
+        cubic_per_m2: 1e6,
+        offset_m: 2e-6,
+        drift: Some(Drift { amplitude_m: 1e-6, time_constant_s: 0.03 }),
+        lines: vec![Line { hz: 50.0, cos_m: 1e-7, sin_m: 2e-7 }],
+        ..Sensor::IDEAL
+    };
+    let table = vec![
+        ("attached", with_mode(attached, 2000.0, Vec::new()), EXACT_NM),
+        ("parallel", with_mode(parallel, 3000.0, Vec::new()), EXACT_NM),
+        ("attached, cubic", with_mode(attached, 2000.0, cubic()), 0.2),
+        ("parallel, cubic", with_mode(parallel, 3000.0, cubic()), 0.2),
+        ("sensor 200 us", lag(Lag::First { time_constant_s: 2e-4 }, 0.0), EXACT_NM),
+        ("sensor 200 us, late", lag(Lag::First { time_constant_s: 2e-4 }, 18.5e-6), EXACT_NM),
+        ("sensor 5 kHz", lag(Lag::Second { natural_rad_per_s: 31416.0, damping_ratio: 0.4 }, 0.0), EXACT_NM),
+        ("bent sensor", Chain { sensor: bent, ..chain() }, EXACT_NM),
+    ];
+    check(table, &lively());
+}
+
+#[test]
+fn nothing_creeps_at_rest() {
+    // The slow hysteron's leak ends within 0.1 s (22 of its time constants); smooth friction is left out: by its law it creeps.
+    let power = Force::Power { force_n: 0.05, reference_m_per_s: 0.1, exponent: 2.0 };
+    for force in [
+        Force::Presliding { coulomb_n: 0.05, presliding_m: 1e-6 },
+        Force::Spring { quadratic_n_per_m2: 1e7, cubic_n_per_m3: 1e11 },
+        Force::Stop { at_m: 50e-6, stiffness_n_per_m: 5e5 },
+        power,
+    ] {
+        for fast in [false, true] {
+            let chain = Chain { plant: bender(fast), ..with_force(force) };
+            let path_m = ours(&chain, &held(5.0));
+            let rest_m = path_m[10_000];
+            let crept_m = path_m[10_000..].iter().fold(0.0f64, |most, q| most.max((q - rest_m).abs()));
+            assert!(crept_m < 1e-10, "{force:?}, {fast}: {crept_m:e}");
+        }
+    }
+}
