@@ -2,7 +2,7 @@
 //! added to it. A vector of coordinates becomes one chain and one start for every log.
 
 use crate::identify::parameters::{Free, Quantity, Scale};
-use plant_sim::chain::{Chain, Sensor};
+use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
@@ -219,7 +219,8 @@ impl<'a> Bench<'a> {
             repeated_share: 0.0,
             ..nominal.sensor.clone()
         };
-        let chain = Chain { sensor, ..nominal };
+        let parts = Parts { is_coarse: true, ..nominal.parts.clone() };
+        let chain = Chain { sensor, parts, ..nominal };
         let mut writable = model.clone();
         let mut numbers = chain.clone();
         let free = Quantity::of(model)
