@@ -55,7 +55,23 @@ fn main() {
                 values.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")
             );
         }
+        if let (Ok(to), Some(best)) = (std::env::var("DUMP"), found.explanations.first()) {
+            let residuals = search.residuals_m(&best.candidate);
+            let mut text = String::new();
+            for (index, (record, residual)) in bench.records.iter().zip(&residuals).enumerate() {
+                for (k, r) in residual.iter().enumerate() {
+                    let log = record.log;
+                    text += &format!("{index},{k},{},{},{}\n", log.command_v[k], 1e9 * log.displacement_m[k], 1e9 * r);
+                }
+            }
+            std::fs::write(to, text).expect("written");
+        }
         if verbose {
+            if let Some(best) = found.explanations.first() {
+                for (record, sums) in bench.records.iter().zip(&best.candidate.found.normal.logs) {
+                    println!("    {} rms {:.1} nm noise {:.1} nm", record.log.name, 1e9 * (sums.squares_m2 / sums.rows as f64).sqrt(), 1e9 * record.noise_m);
+                }
+            }
             println!("    {:?}", found.scattered);
             for lead in found.leads.iter().take(12) {
                 println!("      lead {} {} {:.1} %", lead.effect.id(), lead.form.name, 100.0 * lead.share);

@@ -12,7 +12,7 @@ use std::time::Instant;
 fn main() {
     let folder = PathBuf::from(std::env::args().nth(1).expect("a folder"));
     let model = Model::read(&folder.join("nominal.toml")).expect("a model");
-    let log = read(&folder.join("log2-sines.csv"), &ReadOptions::default()).expect("a log");
+    let log = read(&folder.join("log1-steps.csv"), &ReadOptions::default()).expect("a log");
     let chain = model.chain();
     let bench = Bench::new(&model, vec![record(&log, &chain, None, false)]);
     let base = Hypothesis::nominal(Freedom::Rest);

@@ -209,7 +209,8 @@ pub struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     /// A bench of `records`.
-    pub fn new(model: &'a Model, records: Vec<Record<'a>>) -> Self {
+    pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
+        super::records::share_noise(&mut records);
         let nominal = model.chain();
         let sensor = Sensor {
             noise_m: 0.0,

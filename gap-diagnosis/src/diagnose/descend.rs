@@ -15,10 +15,12 @@ pub const STAGES: [f64; 5] = [3000.0, 300.0, 30.0, 3.0, 0.0];
 pub const LAST_STAGES: [f64; 2] = [10.0, 0.0];
 /// Relative change of the cost at which a stage is over: all but the last, and the last.
 const COARSE: f64 = 0.02;
-const FINE: f64 = 1e-4;
+const FINE: f64 = 2e-5;
+/// Share of its prior's width that a start has before the last stage.
+const HELD: f64 = 0.02;
 /// Steps at most in a stage and in the last.
 const STEPS: usize = 2;
-const LAST_STEPS: usize = 8;
+const LAST_STEPS: usize = 12;
 /// Damping to begin with, and that at which a step is given up, relative to the information's diagonal.
 const DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e3;
@@ -67,6 +69,7 @@ pub fn descend(
     for (index, &softness) in stages.iter().enumerate() {
         let last = index + 1 == stages.len();
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
+        let rules = if last { rules.clone() } else { held(bench, hypothesis, &rules) };
         for _ in 0..steps {
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
@@ -80,6 +83,19 @@ pub fn descend(
         }
     }
     Found { data_cost: normal.cost(&noise), prior_cost: prior_cost(&rules, &z, bench.free.len()), z, normal }
+}
+
+/// The rules with every log's start held near rest: while residuals count little, a memory of hysterons that costs nothing would take
+/// the place of what is to be found, and hysterons forget nothing.
+fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule]) -> Vec<Rule> {
+    let mut held = rules.to_vec();
+    for index in 0..bench.records.len() {
+        let at = bench.own_start(hypothesis, index);
+        for rule in &mut held[at..at + bench.start_count(hypothesis.freedom)] {
+            rule.sigma *= HELD;
+        }
+    }
+    held
 }
 
 /// One over what a sample is uncertain by, squared: its log's noise or a multiple of the mean squared residual, whichever is larger.

@@ -14,19 +14,26 @@ use plant_sim::effects::{Effect, Form, Kind, find};
 /// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
 const LEAST_GAP: f64 = 0.35;
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
-const LEAST_SHARE: f64 = 0.35;
-const FIRST: usize = 4;
+const LEAST_SHARE: f64 = 0.25;
+const FIRST: usize = 3;
+/// Share below which not even the best lead says anything.
+const HOPELESS: f64 = 0.1;
+/// Once a fit leaves less than this, only leads are followed that explain as much as its own.
+const FOUND: f64 = 0.03;
+const AS_MUCH: f64 = 0.85;
 const MOST_FITS: usize = 8;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
 /// An entry whose fit leaves more than this is tried in its other forms as well.
-const WELL: f64 = 0.03;
+const WELL: f64 = 0.01;
 /// A single explanation that leaves more than this invites a second effect.
 const PAIR_BEYOND: f64 = 0.06;
 /// .. which must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost: four sigma, and the look-elsewhere of nine numbers.
 const FREED_LEAST: f64 = 20.0;
+/// Mean square, in units of the noise, up to which a fit counts as being at the noise.
+const AT_NOISE: f64 = 1.06;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
 const START_SHARE: f64 = 0.4;
 
@@ -88,7 +95,9 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
         fits = fit_leads(search, &refit, &leads, &residuals_m, without, say);
     }
     let mut explanations = Vec::new();
-    let best_chi = fits.iter().map(|f| f.chi).fold(1.0, f64::min);
+    // The noise is known to a few per cent: a fit that comes that near is at it.
+    let best_chi = fits.iter().map(|f| f.chi).fold(f64::INFINITY, f64::min);
+    let best_chi = if best_chi < AT_NOISE { best_chi } else { 1.0 };
     let left = |chi: f64| ((chi - best_chi).max(0.0) / (refit.chi - best_chi).max(1e-12)).sqrt();
     let explain = |candidate: &Candidate| Explanation {
         judged: Judged {
@@ -171,6 +180,10 @@ fn fit_leads(
     say: Say<'_>,
 ) -> Vec<Candidate> {
     let mut fits = singles(search, refit, leads, residuals_m, without, 0.2, say);
+    // What no direction of the registry imitates at all is not the sum of two of them either.
+    if leads.first().is_none_or(|lead| lead.share < HOPELESS) {
+        return fits;
+    }
     let left = |chi: f64| ((chi - 1.0).max(0.0) / (refit.chi - 1.0)).sqrt();
     let Some(best) = fits.iter().map(|f| f.chi).min_by(f64::total_cmp) else { return fits };
     if left(best) > PAIR_BEYOND && best - 1.0 > 0.02 {
@@ -182,7 +195,7 @@ fn fit_leads(
             let line_hz = lines(search.bench, &residuals_m);
             let skipped: Vec<&str> = SYMMETRIC.iter().chain(without).copied().collect();
             let seconds = screen(search.bench, &first.hypothesis, &first.found, &line_hz, &skipped, search.simulations);
-            for lead in distinct(&seconds).into_iter().take(3) {
+            for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
                 let pair = search.extend(first, lead, false);
                 let takes = 1.0 - ((pair.chi - 1.0).max(0.0) / (first.chi - 1.0).max(1e-12)).sqrt();
                 if takes > PAIR_TAKES {
@@ -216,7 +229,10 @@ fn singles(
     from: f64,
     say: Say<'_>,
 ) -> Vec<Candidate> {
-    let entries = distinct(leads);
+    let mut entries = distinct(leads);
+    if entries.first().is_none_or(|lead| lead.share < HOPELESS) {
+        entries.truncate(1);
+    }
     let best = entries.first().map_or(0.0, |lead| lead.gain);
     let lag = entries.iter().take(3).any(|lead| LAGS.contains(&lead.effect.id()));
     let mut chosen: Vec<&Lead> = entries
@@ -232,6 +248,10 @@ fn singles(
     let mut fits = Vec::new();
     let count = chosen.len();
     for (number, lead) in chosen.into_iter().enumerate() {
+        let found = fits.iter().any(|fit: &Candidate| left(fit.chi) < FOUND);
+        if found && number > 0 && lead.gain < AS_MUCH * best {
+            continue;
+        }
         say(&format!("fitting {}", lead.effect.id()), from + 0.4 * number as f64 / count as f64);
         let mut fit = search.extend(base, lead, true);
         // A wrong form leaves something; the entry's other forms are tried where they promised as much.
@@ -260,9 +280,9 @@ fn singles(
     }
     // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum.
     fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
-    let polished = fits.len().min(2);
+    let polished = if fits.first().is_some_and(|fit| left(fit.chi) < FOUND) { 1 } else { fits.len().min(2) };
     for fit in fits.iter_mut().take(polished) {
-        if left(fit.chi) > 0.005 && left(fit.chi) < 0.5 {
+        if left(fit.chi) > WELL && left(fit.chi) < 0.5 {
             say("polishing", from + 0.4);
             *fit = search.polish(fit.clone());
         }
@@ -308,7 +328,7 @@ fn by_scatter(scattered: &Scattered, refit: &Candidate, floor: f64, without: &[&
     let unexplained = |power: f64| (1.0 - power / scattered.excess_m2).abs().sqrt();
     if scattered.jitter_s > 8.0 * scattered.jitter_sigma_s {
         // A line through bins leaves a few per cent of its own.
-        let left = (unexplained(scattered.jitter_m2) - 0.15).max(0.0) + 0.02;
+        let left = (0.5 * (1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.05).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
         add("sampling_jitter", "white", scattered.jitter_s, left + rival);
     }

@@ -16,6 +16,8 @@ const RECOGNISED: f64 = 0.005;
 const UNKNOWN: f64 = 1.0;
 /// Values of a lattice may lie this far off it, in steps.
 const OFF_LATTICE: f64 = 0.02;
+/// A log's noise over the median of all logs' at the most.
+const ROUGH: f64 = 1.2;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
@@ -35,6 +37,16 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>, held_out: 
         before_v: before(log, chain),
         held_out: if held_out { HeldOut::Everything } else { HeldOut::Stretches((log.len() / STRETCHES).max(16)) },
         monitor_v: log.drive_v.as_ref().map(|drive_v| noise_rms(drive_v).max(1e-9)),
+    }
+}
+
+/// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise.
+pub fn share_noise(records: &mut [Record<'_>]) {
+    let mut all: Vec<f64> = records.iter().map(|r| r.noise_m).collect();
+    all.sort_by(f64::total_cmp);
+    let Some(&median_m) = all.get(all.len().saturating_sub(1) / 2) else { return };
+    for record in records {
+        record.noise_m = record.noise_m.min(ROUGH * median_m);
     }
 }
 

@@ -30,6 +30,8 @@ pub struct Scattered {
     pub jitter_sigma_s: f64,
     /// See `jitter_s`.
     pub jitter_m2: f64,
+    /// Power beyond that of the noise at standstill, the line's foot: what jitter has to account for.
+    pub moving_m2: f64,
     /// Rows that repeat the one before, as a share, and the power of the residual in them.
     pub repeated_share: f64,
     /// See `repeated_share`.
@@ -44,6 +46,7 @@ pub struct Scattered {
 pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
     let mut rows = 0usize;
     let mut excess = 0.0;
+    let mut squares = 0.0;
     let mut repeats = (0usize, 0.0);
     let mut stretches = Vec::new();
     let mut by_velocity = Vec::new();
@@ -55,6 +58,7 @@ pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
         let fitted = record.run_in.max(1)..y.len();
         let count = fitted.len();
         rows += count;
+        squares += log.residual_m[fitted.clone()].iter().map(|r| r * r).sum::<f64>();
         excess += fitted.clone().map(|k| log.residual_m[k].powi(2) - noise2).sum::<f64>();
         if record.lattice_m == 0.0 {
             for k in fitted.clone() {
@@ -81,9 +85,9 @@ pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
         }
     }
     let count = rows.max(1) as f64;
-    let (slope, slope_sigma) = slope(&mut by_velocity);
+    let (slope, slope_sigma, foot) = slope(&mut by_velocity);
     let mean_v2 = by_velocity.iter().map(|p| p.0).sum::<f64>() / by_velocity.len().max(1) as f64;
-    let (multiplied, _) = self::slope(&mut by_displacement);
+    let (multiplied, _, _) = self::slope(&mut by_displacement);
     let mean_y2 = by_displacement.iter().map(|p| p.0).sum::<f64>() / by_displacement.len().max(1) as f64;
     let mean = stretches.iter().sum::<f64>() / stretches.len().max(1) as f64;
     let variance = stretches.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / stretches.len().max(1) as f64;
@@ -92,6 +96,7 @@ pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
         jitter_s: slope.max(0.0).sqrt(),
         jitter_sigma_s: 0.5 * slope_sigma / slope.max(slope_sigma).sqrt(),
         jitter_m2: slope.max(0.0) * mean_v2,
+        moving_m2: squares / count - foot,
         repeated_share: if repeats.0 >= LEAST_REPEATS { repeats.0 as f64 / count } else { 0.0 },
         repeated_m2: if repeats.0 >= LEAST_REPEATS { repeats.1.max(0.0) / count } else { 0.0 },
         unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
@@ -99,11 +104,11 @@ pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
     }
 }
 
-/// Slope of the variance over `x` with its standard error: a weighted line through bins of equal population, whose means forgive
+/// Slope of the variance over `x` with its standard error, and the line's foot: a weighted line through bins of equal population, whose means forgive
 /// single outliers by leaving out the largest hundredth.
-fn slope(pairs: &mut [(f64, f64)]) -> (f64, f64) {
+fn slope(pairs: &mut [(f64, f64)]) -> (f64, f64, f64) {
     if pairs.len() < 10 * BINS {
-        return (0.0, f64::INFINITY);
+        return (0.0, f64::INFINITY, 0.0);
     }
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let size = pairs.len().div_ceil(BINS);
@@ -132,7 +137,7 @@ fn slope(pairs: &mut [(f64, f64)]) -> (f64, f64) {
     }
     let determinant = s * sxx - sx * sx;
     if determinant <= 0.0 {
-        return (0.0, f64::INFINITY);
+        return (0.0, f64::INFINITY, 0.0);
     }
-    ((s * sxy - sx * sy) / determinant, (s / determinant).sqrt())
+    ((s * sxy - sx * sy) / determinant, (s / determinant).sqrt(), (sxx * sy - sx * sxy) / determinant)
 }

@@ -31,7 +31,7 @@ const SHORTEST_S: f64 = 1e-12;
 /// The same two for coarse laws.
 const COARSE_INNER: [f64; 2] = [2e-5, 1e-7];
 /// .. and the product of rate and sub-step.
-const COARSE_SUBSTEP: f64 = 0.6;
+const COARSE_SUBSTEP: f64 = 0.3;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
 /// makes 0.1 nm a second at 0.1 m/s.
 const STRAIGHT: f64 = 1e-9;

@@ -25,7 +25,6 @@ const ABOUT: About = About {
 
 /// Elements of the logarithmic form, and the factor between their time constants.
 const ELEMENTS: i32 = 4;
-const DECADE: f64 = 10.0;
 
 fn ratio(name: &'static str) -> Parameter {
     Parameter::amplitude(name, "", [0.0, 0.5], 0.02)
@@ -73,14 +72,15 @@ const FORMS: &[Form] = &[
     ),
     Form::predictable(
         "logarithmic",
-        // Equal elements a decade apart from `time_constant_s` on are the log law between the first and the last.
+        // Equal elements in a constant ratio from `time_constant_s` on are the log law between the first and the last.
         |scales| {
             let slowest_s = longest_s(scales).max(0.1);
             vec![
                 ratio("stiffness_ratio"),
                 Parameter::shape("time_constant_s", "s", [2e-3, slowest_s], vec![0.01, 0.05]),
+                Parameter::shape("time_constant_ratio", "", [1.5, 30.0], vec![4.0, 10.0]),
             ]
         },
-        |chain, p| (0..ELEMENTS).for_each(|i| add(chain, p[0], p[1] * DECADE.powi(i))),
+        |chain, p| (0..ELEMENTS).for_each(|i| add(chain, p[0], p[1] * p[2].powi(i))),
     ),
 ];

@@ -27,7 +27,7 @@ const ABOUT: About = About {
 
 /// Frequencies from which a search starts: from 100 Hz to 8 kHz they are 7.7 % apart, so that one lies within the half-power width of a
 /// resonance with a damping ratio of 0.04, and a sharper one shows on its flank.
-const N_STARTS: usize = 60;
+const N_STARTS: usize = 32;
 
 /// Natural frequency and damping ratio.
 fn resonance(scales: &Scales<'_>) -> [Parameter; 2] {
