@@ -32,6 +32,8 @@ pub enum Command {
     Replay(ReplayCall),
     /// Fit a plant to logs: writes a model file and a page
     Identify(IdentifyCall),
+    /// Where plant and logs differ, which effect makes the difference, how far it shrinks: writes findings, a plant and a page
+    Diagnose(DiagnoseCall),
     /// What a bench may do beyond its nominal plant: all effects, or everything about one
     Effects(EffectsCall),
 }
@@ -43,7 +45,8 @@ impl Command {
             Command::Simulate(call) => Some((&call.show, &call.out)),
             Command::Replay(call) => Some((&call.show, &call.out)),
             Command::Identify(call) => Some((&call.show, &call.out)),
-            Command::Effects(_) => None,
+            // A diagnosis writes into a directory, and sees to it itself.
+            Command::Diagnose(_) | Command::Effects(_) => None,
         }
     }
 
@@ -60,6 +63,9 @@ impl Command {
             }
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
+            Command::Diagnose(call) => {
+                [&call.plant].into_iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
+            }
             Command::Effects(_) => Vec::new(),
         }
     }
@@ -184,6 +190,41 @@ pub struct IdentifyCall {
     pub read: ReadArguments,
     #[command(flatten)]
     pub show: Show,
+}
+
+#[derive(Args)]
+#[command(after_help = "Example:
+  hysteron diagnose --plant nominal.toml steps.csv sines.csv multisine.csv \\
+    --held-out other-day.csv --out diagnosis
+writes diagnosis/diagnosis.json, diagnosis/augmented.toml (a plant that every
+command takes) and diagnosis/report.html. Logs of several kinds say more than
+long ones: steps, sines of several frequencies, a multisine, a hold.")]
+pub struct DiagnoseCall {
+    /// Nominal plant, a model file; its sigmas say how far its numbers may be off
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Measured logs (CSV, NPY or MAT v5)
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Logs that are never fitted: they score the answer
+    #[arg(long, value_name = "LOG", num_args = 1..)]
+    pub held_out: Vec<PathBuf>,
+    /// Directory to write into, made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Seed of the intervals' resampling
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Entries to strike out of the registry: what would be said without them?
+    #[arg(long, value_name = "ID,..", value_delimiter = ',')]
+    pub without: Vec<String>,
+    /// Print diagnosis.json on standard output
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub start: StartOptions,
+    #[command(flatten)]
+    pub read: ReadArguments,
 }
 
 #[derive(Args)]

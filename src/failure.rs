@@ -1,5 +1,6 @@
 //! How the command fails: one line and an exit code.
 
+use gap_diagnosis::diagnose::DiagnoseError;
 use gap_diagnosis::identify::IdentifyError;
 use plant_sim::FileError;
 use plant_sim::experiment::ExperimentError;
@@ -51,7 +52,7 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command = ["simulate", "replay", "identify", "effects"];
+        let command = ["simulate", "replay", "identify", "diagnose", "effects"];
         let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
         parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
         Self::call(parts.join("; "))
@@ -109,6 +110,16 @@ impl From<IdentifyError> for Failure {
         let code = match error {
             IdentifyError::NoLog | IdentifyError::RunInTooLong { .. } => WRONG_CALL,
             IdentifyError::NoFit { .. } => NO_RESULT,
+            _ => BAD_FILE,
+        };
+        Self { code, message: error.to_string() }
+    }
+}
+
+impl From<DiagnoseError> for Failure {
+    fn from(error: DiagnoseError) -> Self {
+        let code = match error {
+            DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } => WRONG_CALL,
             _ => BAD_FILE,
         };
         Self { code, message: error.to_string() }

@@ -7,12 +7,6 @@ use gap_diagnosis::identify::{self, Fit, From, LogFit, Options, Verdict};
 use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, StartView, four_digits, identify_page};
 use plant_sim::log::{self, Log};
 use plant_sim::model::Model;
-use std::path::Path;
-
-/// Rows that are read into memory: 10 million are about 1 GB with what a fit makes of them.
-const MOST_ROWS: usize = 10_000_000;
-/// Files below this size can't hold that many rows.
-const LARGE_BYTES: u64 = 100_000_000;
 
 pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     let from = match &call.plant {
@@ -23,14 +17,8 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if let From::Plant(model) = &from {
         warnings.extend(model.warnings());
     }
-    let mut logs = Vec::new();
-    for path in &call.logs {
-        refuse_too_long(path, call)?;
-        let mut log = log::read(path, &call.read.options())?;
-        log.name = output::file_name(path);
-        warnings.extend(log::warnings(&log));
-        logs.push(log);
-    }
+    let logs = super::logs::read(&call.logs, &call.read)?;
+    warnings.extend(logs.iter().flat_map(log::warnings));
     let options = Options {
         from,
         initial: call.start.initial,
@@ -54,18 +42,6 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     }
     if let Some(path) = output::page_path(&call.show, &call.out) {
         output::save_page(&page(call, &logs, &fit, &facts, &warnings), &path, call.show.json)?;
-    }
-    Ok(())
-}
-
-/// Identification keeps its logs in memory, so one that would not fit is refused after a look that needs none.
-fn refuse_too_long(path: &Path, call: &IdentifyCall) -> Result<(), Failure> {
-    let large = std::fs::metadata(path).is_ok_and(|file| file.len() > LARGE_BYTES);
-    if large && log::open(path, &call.read.options())?.take(MOST_ROWS + 1).count() > MOST_ROWS {
-        return Err(Failure::file(format!(
-            "{}: more than {MOST_ROWS} rows: cut the log or lower its rate; an identification needs seconds of data, not hours",
-            path.display()
-        )));
     }
     Ok(())
 }

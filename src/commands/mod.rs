@@ -1,8 +1,10 @@
 //! One file per command.
 
 mod demo;
+mod diagnose;
 mod effects;
 mod identify;
+mod logs;
 mod replay;
 mod simulate;
 
@@ -16,6 +18,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Simulate(call)) => simulate::simulate(call),
         Some(Command::Replay(call)) => replay::replay(call),
         Some(Command::Identify(call)) => identify::identify(call),
+        Some(Command::Diagnose(call)) => diagnose::diagnose(call),
         Some(Command::Effects(call)) => effects::effects(call),
     }
 }

@@ -1,12 +1,109 @@
-//! Diagnosis.
+//! Diagnosis: where a nominal plant and its bench differ, which effect makes the difference, and how far it shrinks.
+//!
+//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`bench`]), normal equations in chunks
+//! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`]), what only
+//! scatter tells ([`spread`]), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
+//! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
+//! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
+//!
+//! What it does not do: read or write files, or name the nearest entry where none fits: then the verdict is `unknown`, or a class.
+
+mod answer;
+mod augment;
 pub mod bench;
 pub mod descend;
+mod error;
 pub mod evidence;
+mod gap;
 pub mod judge;
 pub mod lines;
+mod next;
 pub mod normal;
+mod plants;
+mod random;
 pub mod records;
+pub mod report;
 pub mod screen;
 pub mod search;
 pub mod spread;
 pub mod symmetry;
+mod verdict;
+
+pub use answer::{Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};
+pub use augment::{Changed, Estimate};
+pub use error::DiagnoseError;
+pub use gap::{Gap, ShareOf};
+pub use judge::Say;
+pub use next::NextExperiment;
+pub use verdict::{Class, Ranked, Verdict};
+
+use bench::{Bench, Freedom};
+use plant_sim::effects;
+use plant_sim::log::Log;
+use plant_sim::model::Model;
+use plant_sim::replay::Initial;
+use search::Search;
+use std::sync::atomic::AtomicUsize;
+
+/// What to assume.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Of each log's first row.
+    pub initial: Initial,
+    /// Seconds at each log's start that are simulated, neither fitted nor scored; a log's own `run_in_s` where `None`.
+    pub run_in_s: Option<f64>,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+    /// Entries to strike out of the registry: what would be said if nobody had thought of them?
+    pub without: Vec<String>,
+}
+
+/// Diagnoses the gap between `plant` and `logs`; `held_out` logs are never fitted, save their starts, and make the headline.
+///
+/// `progress` is told what is going on and which share of the work lies behind.
+///
+/// # Errors
+/// See [`DiagnoseError`].
+pub fn diagnose(
+    plant: &Model,
+    logs: &[Log],
+    held_out: &[Log],
+    options: &Options,
+    progress: Say<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
+    if logs.is_empty() {
+        return Err(DiagnoseError::NoLog);
+    }
+    for id in &options.without {
+        if effects::find(id).is_none() && id != "parameter_error" {
+            return Err(DiagnoseError::NoSuchEntry { id: id.clone(), nearest: effects::nearest(id) });
+        }
+    }
+    let run_in = |log: &Log| {
+        let run_in_s = options.run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
+        (run_in_s / log.dt_s).round().max(0.0) as usize
+    };
+    error::check_rows(logs, &run_in)?;
+    error::check_rows(held_out, &run_in)?;
+    let chain = plant.chain();
+    let records = |logs| -> Vec<bench::Record<'_>> {
+        let logs: &[Log] = logs;
+        logs.iter().map(|log| records::record(log, &chain, options.run_in_s, false)).collect()
+    };
+    let bench = Bench::new(plant, records(logs));
+    error::check_plant(&bench, true)?;
+    let benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
+    if let Some(held) = &benches.held {
+        error::check_plant(held, false)?;
+    }
+    let freedom = match options.initial {
+        Initial::Relaxed => Freedom::Relaxed,
+        Initial::Rest => Freedom::Rest,
+        Initial::Fit => Freedom::Any,
+    };
+    let simulations = AtomicUsize::new(0);
+    let search = Search { bench: &bench, simulations: &simulations };
+    let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
+    let course = judge::course(&search, freedom, &without, progress);
+    Ok(answer::answer(&search, &course, &benches, options, error::warnings(logs, held_out), progress))
+}

@@ -83,7 +83,7 @@ fn reduced(
     Some((reduced, gradient))
 }
 
-fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantity>, DVector<f64>)> {
+pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantity>, DVector<f64>)> {
     let along = |of: &dyn Fn(Quantity) -> f64| {
         DVector::from_iterator(bench.free.len(), bench.free.iter().map(|f| of(f.quantity)))
     };

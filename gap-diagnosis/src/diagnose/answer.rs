@@ -1,0 +1,425 @@
+//! The answer: what `diagnosis.json` says (schema `hysteron-diagnosis-1`), and what the page needs beside it.
+
+use super::augment::{Augmented, Changed, Estimate, augment};
+use super::bench::{Bench, HeldOut};
+use super::gap::{Gap, ShareOf, Three, gap, shares};
+use super::judge::{Course, Explanation};
+use super::next::{NextExperiment, next_experiment};
+use super::plants::{Benches, Played, Variant};
+use super::random::{Random, beyond_stated, by_scatter};
+use super::search::Search;
+use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
+use super::{Options, Say};
+use crate::identify::parameters::Quantity;
+use crate::locate::{Trace, Where, locate, strongest};
+use crate::residual::{Autocorrelation, LAGS, noise_rms};
+use plant_sim::effects::find;
+use plant_sim::model::Model;
+use serde::Serialize;
+
+/// Schema of `diagnosis.json`.
+pub const SCHEMA: &str = "hysteron-diagnosis-1";
+/// Noise that makes less than this share of the excess is no second effect.
+const SECOND_SHARE: f64 = 0.15;
+/// Rows of a log that are kept for the page; beyond, every second one is dropped, and so on.
+const PAGE_ROWS: usize = 400_000;
+
+/// A diagnosis.
+#[derive(Clone, Debug, Serialize)]
+pub struct Diagnosis {
+    /// [`SCHEMA`].
+    pub schema: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// What is said of the gap.
+    pub verdict: Verdict,
+    /// The named set, largest share first.
+    pub effects: Vec<String>,
+    /// Stage of the chain that the first of them acts in.
+    pub stage: Option<&'static str>,
+    /// All entries, most probable first.
+    pub ranking: Vec<Ranked>,
+    /// Smallest set with 90 % of the probability.
+    pub set90: Vec<String>,
+    /// Entries that these logs can't tell apart.
+    #[serde(serialize_with = "members")]
+    pub classes: Vec<Class>,
+    /// Why, one sentence for each class.
+    pub class_reasons: Vec<String>,
+    /// The gap in numbers.
+    pub gap: Gap,
+    /// Who explains how much of it.
+    pub shares: Vec<ShareOf>,
+    /// Numbers of the effects.
+    pub parameters: Vec<Estimate>,
+    /// Nominal numbers that moved.
+    pub changed: Vec<Changed>,
+    /// Where the gap lies after the refit.
+    #[serde(rename = "where")]
+    pub location: Where,
+    /// What stays.
+    pub unexplained: Unexplained,
+    /// What to measure next.
+    pub next_experiment: Option<NextExperiment>,
+    /// Why nothing is to be measured next, if so.
+    pub no_experiment_reason: Option<String>,
+    /// What the reader must know.
+    pub warnings: Vec<String>,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+    /// Entries that were struck out of the registry.
+    pub without: Vec<String>,
+    /// Logs simulated on the way.
+    pub simulations: usize,
+    /// The plant with refitted numbers and effects.
+    #[serde(skip)]
+    pub augmented: Model,
+    /// What the page shows beside this.
+    #[serde(skip)]
+    pub evidence: Evidence,
+}
+
+/// What no entry explains.
+#[derive(Clone, Debug, Serialize)]
+pub struct Unexplained {
+    /// Rms beyond the noise.
+    pub rms_um: f64,
+    /// Part of it that neighbouring rows share, rather than scatter.
+    pub structured_share_percent: f64,
+    /// Largest autocorrelation at a lag > 0, in magnitude.
+    pub max_abs_autocorrelation: f64,
+    /// That lag.
+    pub lag_s: f64,
+    /// Where it lives.
+    pub strongest: String,
+}
+
+/// What the page shows and `diagnosis.json` doesn't.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    /// Where the gap lies with the effects in.
+    pub location_after: Option<Where>,
+    /// Logs with predictions, fitted ones first.
+    pub logs: Vec<LogEvidence>,
+    /// Explanations that were fitted and not named, most probable first.
+    pub rivals: Vec<Rival>,
+    /// The quantities of `changed`.
+    pub changed: Vec<Quantity>,
+}
+
+/// One log with what the three plants make of it.
+#[derive(Clone, Debug, Default)]
+pub struct LogEvidence {
+    /// Name of the log.
+    pub name: String,
+    /// Whether no fit saw it.
+    pub is_held_out: bool,
+    /// Seconds between the rows kept.
+    pub dt_s: f64,
+    /// Time of the first row.
+    pub from_s: f64,
+    /// Rows at the start that are not scored.
+    pub run_in: usize,
+    /// Command, volts.
+    pub command_v: Vec<f64>,
+    /// Readings in metres, and the plants' predictions.
+    pub measured_m: Vec<f64>,
+    /// Nominal plant.
+    pub nominal_m: Vec<f64>,
+    /// Refitted plant.
+    pub refit_m: Vec<f64>,
+    /// Plant with effects.
+    pub augmented_m: Vec<f64>,
+    /// Noise, metres rms.
+    pub noise_m: f64,
+    /// Rows per period that the log states.
+    pub period_samples: Option<usize>,
+}
+
+/// An explanation that was fitted and not named.
+#[derive(Clone, Debug)]
+pub struct Rival {
+    /// Its effects.
+    pub effects: Vec<String>,
+    /// Rms after the fit over that of the noise.
+    pub rms_over_noise: f64,
+    /// Squares of the numbers' shifts in sigma.
+    pub prior_cost: f64,
+    /// Probability.
+    pub probability: f64,
+    /// Fraction of the gap that it leaves, as amplitude.
+    pub left: f64,
+}
+
+fn members<S: serde::Serializer>(classes: &[Class], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(classes.iter().map(|class| &class.members))
+}
+
+/// Makes the answer of a course.
+pub(super) fn answer(
+    search: &Search<'_>,
+    course: &Course,
+    benches: &Benches<'_>,
+    options: &Options,
+    mut warnings: Vec<String>,
+    say: Say<'_>,
+) -> Diagnosis {
+    let bench = search.bench;
+    let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
+    say("scoring", 0.9);
+    let (mut verdict, explanation) = named(bench, course);
+    let mut random: Vec<Random> = explanation
+        .and_then(|e| e.scatter.as_ref())
+        .map(|(effect, form, values)| by_scatter(course, *effect, form, values))
+        .into_iter()
+        .collect();
+    let excess2 = course.scattered.excess_m2.max(0.0);
+    let beyond = beyond_stated(bench.model, bench, &without).filter(|noise| {
+        let alone = verdict == Verdict::NoGap;
+        let second = noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2);
+        let is_new = random.iter().all(|known| known.effect.id() != noise.effect.id());
+        is_new && (alone || verdict == Verdict::Explained && second)
+    });
+    if let Some(noise) = &beyond {
+        verdict = Verdict::Explained;
+        random.push(noise.clone());
+    }
+    let found = augment(search, &course.refit, explanation, random);
+    let three = play(benches, course, &found, explanation.is_some());
+    let gap = gap(benches, &three, options.seed);
+    let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
+    let shares = shares(benches, &three, &found.variant, &powers);
+    let ranking = ranking(course, explanation, &shares, beyond.as_ref());
+    let set90 = set90(&ranking);
+    let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
+    let classes = explanation.map(|top| classes(bench, course, top)).unwrap_or_default();
+
+    say("locating", 0.94);
+    let location = located(benches, &three.refit);
+    let location_after = located(benches, &three.augmented);
+    let unexplained = unexplained(benches, &three.augmented, &location_after);
+    say("choosing the next experiment", 0.96);
+    let open = open(&effects, &set90, &classes);
+    let (next_experiment, no_experiment_reason) = match next(bench, course, explanation, &open) {
+        Ok(next) => (Some(next), None),
+        Err(reason) => (None, Some(reason)),
+    };
+    for log in found.undetermined_starts(bench) {
+        warnings.push(format!(
+            "{log}: its state at the start is not determined by the log: intervals hold what it might have been; start from rest, or state --initial relaxed if it was"
+        ));
+    }
+    if found.variant.has_lines() && verdict == Verdict::Explained {
+        warnings.push(
+            "the phase of a line belongs to each log: its size and frequency are known, but no plant predicts it on another log, so no shrink is promised there".to_owned(),
+        );
+    }
+    if !found.random.is_empty() {
+        warnings.push(
+            "what scatters can't be predicted row by row: the plant carries it as noise, and the gap doesn't shrink by it".to_owned(),
+        );
+    }
+    Diagnosis {
+        schema: SCHEMA,
+        version: env!("CARGO_PKG_VERSION"),
+        verdict,
+        stage: effects.first().and_then(|id| stage(id, found.wrong)),
+        effects,
+        ranking,
+        set90,
+        class_reasons: classes.iter().map(|class| class.reason.clone()).collect(),
+        classes,
+        gap,
+        shares,
+        parameters: found.estimates(bench),
+        changed: found.changed(bench),
+        location,
+        unexplained,
+        next_experiment,
+        no_experiment_reason,
+        warnings,
+        seed: options.seed,
+        without: options.without.clone(),
+        simulations: search.simulations.load(std::sync::atomic::Ordering::Relaxed),
+        augmented: found.model(bench, "diagnosed"),
+        evidence: Evidence {
+            location_after: Some(location_after),
+            logs: logs(benches, &three),
+            rivals: rivals(course, explanation),
+            changed: found.moved(bench),
+        },
+    }
+}
+
+/// The three plants on all logs.
+fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained: bool) -> Three {
+    let fitted = &benches.fitted;
+    let refit =
+        Variant { hypothesis: course.refit.hypothesis.clone(), z: course.refit.found.z.clone(), starts_known: true };
+    let nominal = refit.part(fitted, false, |_| true);
+    let played = benches.play(&refit);
+    let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
+    let not_portable_m2 = if found.variant.has_lines() {
+        let of_lines = |i: &super::bench::Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
+        let mut silent = found.variant.part(fitted, true, |i| !of_lines(i));
+        silent.starts_known = true;
+        let silent = benches.play(&silent);
+        let (mut rows, mut sum) = (0.0, 0.0);
+        for (with, without) in augmented.iter().zip(&silent).take(fitted.records.len()) {
+            rows += with.predicted_m.len() as f64;
+            sum += with.predicted_m.iter().zip(&without.predicted_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        }
+        sum / rows
+    } else {
+        0.0
+    };
+    Three { nominal: benches.play(&nominal), refit: played, augmented, not_portable_m2 }
+}
+
+/// Identifiers, largest share first.
+fn effects(
+    verdict: Verdict,
+    explanation: Option<&Explanation>,
+    beyond: Option<&Random>,
+    shares: &[ShareOf],
+) -> Vec<String> {
+    if verdict != Verdict::Explained {
+        return Vec::new();
+    }
+    let mut ids: Vec<&str> = explanation.map(|e| e.judged.ids.clone()).unwrap_or_default();
+    ids.extend(beyond.map(|noise| noise.effect.id()));
+    let share = |id: &&str| shares.iter().find(|s| s.effect == **id).map_or(0.0, |s| s.percent);
+    ids.sort_by(|a, b| share(b).total_cmp(&share(a)));
+    ids.dedup();
+    ids.into_iter().map(str::to_owned).collect()
+}
+
+/// Where an entry acts; a wrong number acts where the number is.
+fn stage(id: &str, wrong: Option<Quantity>) -> Option<&'static str> {
+    match (find(id), wrong) {
+        (Some(effect), _) => Some(effect.stage().name()),
+        (None, Some(Quantity::Stiffness | Quantity::Damping)) => Some("structure"),
+        (None, Some(Quantity::Delay)) => Some("drive"),
+        (None, _) => Some("actuator"),
+    }
+}
+
+/// Entries between which something is left to decide.
+fn open(effects: &[String], set90: &[String], classes: &[Class]) -> Vec<String> {
+    let mut open: Vec<String> = Vec::new();
+    for class in classes {
+        open.extend(class.members.iter().cloned());
+    }
+    if open.is_empty() && set90.len() > effects.len().max(1) {
+        open.extend(set90.iter().filter(|id| !["no_gap", "unknown"].contains(&id.as_str())).cloned());
+    }
+    open.dedup();
+    open
+}
+
+fn next(
+    bench: &Bench<'_>,
+    course: &Course,
+    explanation: Option<&Explanation>,
+    open: &[String],
+) -> Result<NextExperiment, String> {
+    match (explanation, open) {
+        (Some(_), []) => Err("the named effects are certain on these logs: nothing is left to split".to_owned()),
+        (None, [] | [_]) if course.no_gap > course.unknown => Err("there is no gap to explain".to_owned()),
+        (None, [] | [_]) => {
+            Err("no entry of the registry explains the gap, so no experiment is known that would split them".to_owned())
+        }
+        _ => next_experiment(bench, course, explanation, open),
+    }
+}
+
+/// Where the residual of `played` lies, run-ins left out.
+fn located(benches: &Benches<'_>, played: &[Played]) -> Where {
+    let residuals: Vec<Vec<f64>> = benches
+        .records()
+        .zip(played)
+        .map(|(record, played)| {
+            let residual = |(k, (y, p)): (usize, (&f64, &f64))| if k < record.run_in { f64::NAN } else { y - p };
+            record.log.displacement_m.iter().zip(&played.predicted_m).enumerate().map(residual).collect()
+        })
+        .collect();
+    let traces: Vec<Trace<'_>> = benches
+        .records()
+        .zip(played)
+        .zip(&residuals)
+        .map(|((record, played), residual_m)| Trace {
+            name: &record.log.name,
+            dt_s: record.log.dt_s,
+            drive_v: record.log.drive_v.as_ref().unwrap_or(&record.log.command_v),
+            displacement_m: &played.predicted_m,
+            velocity_m_per_s: &played.velocity_m_per_s,
+            residual_m,
+            noise_m: record.noise_m,
+        })
+        .collect();
+    locate(&traces)
+}
+
+fn unexplained(benches: &Benches<'_>, augmented: &[Played], location: &Where) -> Unexplained {
+    let (mut rows, mut all2, mut noise2, mut white2) = (0.0, 0.0, 0.0, 0.0);
+    let (mut most, mut lag_s) = (0f64, 0.0);
+    for (record, played) in benches.records().zip(augmented) {
+        let residual_m: Vec<f64> =
+            record.log.displacement_m.iter().zip(&played.predicted_m).map(|(y, p)| y - p).skip(record.run_in).collect();
+        let n = residual_m.len() as f64;
+        rows += n;
+        all2 += residual_m.iter().map(|r| r * r).sum::<f64>();
+        noise2 += n * record.noise_m.powi(2);
+        white2 += n * noise_rms(&residual_m).powi(2);
+        for (lag, correlation) in Autocorrelation::of(&residual_m, LAGS).correlation.iter().enumerate().skip(1) {
+            if correlation.abs() > most.abs() {
+                (most, lag_s) = (*correlation, lag as f64 * record.log.dt_s);
+            }
+        }
+    }
+    let excess2 = (all2 - noise2).max(0.0) / rows;
+    let structured2 = (all2 - white2).max(0.0) / rows;
+    Unexplained {
+        rms_um: 1e6 * excess2.sqrt(),
+        structured_share_percent: if excess2 > 0.0 { (100.0 * structured2 / excess2).min(100.0) } else { 0.0 },
+        max_abs_autocorrelation: most.abs(),
+        lag_s,
+        strongest: strongest(location),
+    }
+}
+
+fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
+    let fitted = benches.fitted.records.len();
+    let one = |(index, record): (usize, &super::bench::Record<'_>)| {
+        let log = record.log;
+        let stride = log.len().div_ceil(PAGE_ROWS).max(1);
+        let thin = |values: &[f64]| values.iter().step_by(stride).copied().collect::<Vec<f64>>();
+        LogEvidence {
+            name: log.name.clone(),
+            is_held_out: index >= fitted || record.held_out == HeldOut::Everything,
+            dt_s: stride as f64 * log.dt_s,
+            from_s: log.time_start_s,
+            run_in: record.run_in / stride,
+            command_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
+            measured_m: thin(&log.displacement_m),
+            nominal_m: thin(&three.nominal[index].predicted_m),
+            refit_m: thin(&three.refit[index].predicted_m),
+            augmented_m: thin(&three.augmented[index].predicted_m),
+            noise_m: record.noise_m,
+            period_samples: log.meta.period_samples.filter(|_| stride == 1),
+        }
+    };
+    benches.records().enumerate().map(one).collect()
+}
+
+fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
+    let others = course.explanations.iter().filter(|e| named.is_none_or(|named| !std::ptr::eq(*e, named)));
+    let rival = |e: &Explanation| Rival {
+        effects: e.judged.ids.iter().map(|id| (*id).to_owned()).collect(),
+        rms_over_noise: e.candidate.chi.max(0.0).sqrt(),
+        prior_cost: e.judged.prior_cost,
+        probability: e.probability,
+        left: e.judged.left,
+    };
+    others.map(rival).collect()
+}

@@ -1,0 +1,261 @@
+//! The plant with what was found: numbers with their uncertainty, effects as sections of their own, and the model file.
+
+use super::bench::{Bench, Freedom, Record};
+use super::descend::{covariance, descend};
+use super::judge::Explanation;
+use super::plants::{Variant, carry};
+use super::random::Random;
+use super::search::{Candidate, Search};
+use super::symmetry::directions;
+use crate::identify::parameters::{Quantity, Scale};
+use crate::residual::samples_per_independent;
+use nalgebra::DMatrix;
+use plant_sim::effects::find;
+use plant_sim::model::Model;
+use plant_sim::param::Param;
+use serde::Serialize;
+
+/// Sigma that a number gets whose stated one was found wrong, as a logarithm: the logs alone decide.
+const NO_PRIOR: f64 = 10.0;
+/// Stages of the last descent, which starts where the fit ended.
+const AGAIN: [f64; 2] = [3.0, 0.0];
+/// A nominal number has moved beyond this many of its sigma.
+const MOVED: f64 = 3.0;
+/// A start coordinate whose sigma is still this share of its prior's is not determined.
+const UNDETERMINED: f64 = 0.8;
+
+/// A parameter of a named effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct Estimate {
+    /// The effect.
+    pub effect: String,
+    /// Name as in the model file.
+    pub name: String,
+    /// Value, SI.
+    pub value: f64,
+    /// Standard deviation.
+    pub sigma: f64,
+    /// Unit as a reader writes it.
+    pub unit: String,
+}
+
+/// A nominal number that moved.
+#[derive(Clone, Debug, Serialize)]
+pub struct Changed {
+    /// Name as in the model file.
+    pub name: String,
+    /// Value in the plant's file.
+    pub nominal: f64,
+    /// Value now.
+    pub refit: f64,
+    /// What the plant's file claims for its standard deviation, same unit.
+    pub sigma: f64,
+}
+
+/// The plant that is answered with.
+pub(super) struct Augmented {
+    /// Forms and coordinates.
+    pub variant: Variant,
+    /// Covariance of the coordinates, residuals correlated as they are.
+    covariance: Option<DMatrix<f64>>,
+    /// The number that is wrong, for `parameter_error`.
+    pub wrong: Option<Quantity>,
+    /// Effects that no prediction shows.
+    pub random: Vec<Random>,
+}
+
+/// Fits what is named once more, effects that the nominal numbers imitate now as effects.
+pub(super) fn augment(
+    search: &Search<'_>,
+    refit: &Candidate,
+    named: Option<&Explanation>,
+    random: Vec<Random>,
+) -> Augmented {
+    let bench = search.bench;
+    let base = named.map_or(refit, |explanation| &explanation.candidate);
+    let freed = named.and_then(|explanation| explanation.freed.as_ref());
+    let Some(freed) = freed else {
+        let found = &base.found;
+        let covariance = covariance(bench, &base.hypothesis, found, &independent_weights(search, base));
+        let variant = Variant { hypothesis: base.hypothesis.clone(), z: found.z.clone(), starts_known: true };
+        return Augmented { variant, covariance, wrong: None, random };
+    };
+    let again = |bench: &Bench<'_>, hypothesis, z| {
+        let found = descend(bench, &hypothesis, z, &AGAIN, search.simulations);
+        let candidate = Candidate { hypothesis, found, chi: base.chi };
+        let weights = independent_weights(&Search { bench, simulations: search.simulations }, &candidate);
+        let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
+        let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
+        Augmented { variant, covariance, wrong: freed.quantity, random }
+    };
+    if let Some(effect) = find(freed.effect) {
+        let form = &effect.forms()[0];
+        let hypothesis = base.hypothesis.with(effect, form, &bench.scales());
+        let mut z = carry(bench, &base.hypothesis, &base.found.z, bench, &hypothesis, true);
+        if let Some((_, _, direction)) = directions(bench).iter().find(|(id, _, _)| *id == freed.effect) {
+            for (z, along) in z.iter_mut().zip(direction.iter()) {
+                *z -= freed.log_factor * along;
+            }
+        }
+        // All three are written as one plus a ratio.
+        let axis = &hypothesis.installed[hypothesis.installed.len() - 1].axes[0];
+        let value = axis.coordinate(freed.log_factor.exp_m1());
+        for index in 0..bench.records.len() {
+            if let Some(&place) = bench.places(&hypothesis, index).last().and_then(|places| places.first()) {
+                z[place] = value;
+            }
+        }
+        return again(bench, hypothesis, z);
+    }
+    // A wrong number: what the file claims for it doesn't hold it any more.
+    let mut model = bench.model.clone();
+    if let Some(quantity) = freed.quantity {
+        quantity.record(&mut model).sigma = Some(NO_PRIOR);
+    }
+    let records: Vec<Record<'_>> = bench.records.clone();
+    again(&Bench::new(&model, records), base.hypothesis.clone(), base.found.z.clone())
+}
+
+/// One over the variance that a row counts with: that of the residual times the rows that make one independent.
+fn independent_weights(search: &Search<'_>, candidate: &Candidate) -> Vec<f64> {
+    let residuals_m = search.residuals_m(candidate);
+    search
+        .bench
+        .records
+        .iter()
+        .zip(&residuals_m)
+        .map(|(record, residual_m)| {
+            let residual_m = &residual_m[record.run_in..];
+            let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
+            1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(residual_m))
+        })
+        .collect()
+}
+
+impl Augmented {
+    fn sigma(&self, place: usize) -> f64 {
+        self.covariance.as_ref().map_or(f64::NAN, |covariance| covariance[(place, place)].max(0.0).sqrt())
+    }
+
+    /// Parameters of the effects with their sigma. Of those that every log has of its own, the root mean square over the logs.
+    pub fn estimates(&self, bench: &Bench<'_>) -> Vec<Estimate> {
+        let mut estimates = Vec::new();
+        let logs = bench.records.len();
+        let places: Vec<_> = (0..logs).map(|index| bench.places(&self.variant.hypothesis, index)).collect();
+        for (at, installed) in self.variant.hypothesis.installed.iter().enumerate() {
+            for (number, axis) in installed.axes.iter().enumerate() {
+                let parameter = &axis.parameter;
+                let one = |index: usize| {
+                    let place = places[index][at][number];
+                    let z = self.variant.z[place];
+                    (axis.value(z), axis.slope(z).abs() * self.sigma(place))
+                };
+                let (value, sigma) = if parameter.per_log {
+                    let mean2 = |of: &dyn Fn((f64, f64)) -> f64| {
+                        ((0..logs).map(|index| of(one(index)).powi(2)).sum::<f64>() / logs as f64).sqrt()
+                    };
+                    (mean2(&|(value, _)| value), mean2(&|(_, sigma)| sigma))
+                } else {
+                    one(0)
+                };
+                estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
+            }
+        }
+        for random in &self.random {
+            for (parameter, value, sigma) in random.complete(bench) {
+                estimates.push(estimate(random.effect.id(), &parameter, value, sigma));
+            }
+        }
+        estimates
+    }
+
+    /// Nominal numbers that moved by more than three of their sigma, the wrong one in any case.
+    pub fn changed(&self, bench: &Bench<'_>) -> Vec<Changed> {
+        let moved = bench.free.iter().zip(&self.variant.z).filter(|(free, z)| {
+            log_factor(free.scale, **z).abs() > MOVED * free.prior_sigma || self.wrong == Some(free.quantity)
+        });
+        let changed = moved.map(|(free, z)| {
+            let unit = free.quantity.per_si();
+            Changed {
+                name: free.quantity.name(),
+                nominal: free.prior * unit,
+                refit: free.at(*z) * unit,
+                sigma: free.prior * unit * free.prior_sigma,
+            }
+        });
+        changed.collect()
+    }
+
+    /// Quantities of `changed`, in its order.
+    pub fn moved(&self, bench: &Bench<'_>) -> Vec<Quantity> {
+        let names: Vec<String> = self.changed(bench).into_iter().map(|changed| changed.name).collect();
+        bench.free.iter().map(|free| free.quantity).filter(|quantity| names.contains(&quantity.name())).collect()
+    }
+
+    /// The model file. What every log has of its own belongs to no plant and is left out.
+    pub fn model(&self, bench: &Bench<'_>, source: &str) -> Model {
+        let mut model = bench.model.clone();
+        model.name = format!("{}, diagnosed", model.name);
+        for (i, free) in bench.free.iter().enumerate() {
+            let sigma = free.number_sigma(self.variant.z[i], self.sigma(i));
+            let record = free.quantity.record(&mut model);
+            let value = free.at(self.variant.z[i]) * free.quantity.per_si();
+            *record = Param::new(value, if sigma.is_finite() { sigma } else { free.prior_sigma }, source);
+        }
+        let estimates = self.estimates(bench);
+        let mut next = estimates.iter();
+        for installed in &self.variant.hypothesis.installed {
+            let own: Vec<&Estimate> = next.by_ref().take(installed.axes.len()).collect();
+            model = model.with_effect(installed.effect, installed.form, &params(&own, source));
+            for axis in installed.axes.iter().filter(|axis| axis.parameter.per_log) {
+                if let Some(section) = model.effects.last_mut() {
+                    section.parameters.remove(axis.parameter.name);
+                }
+            }
+        }
+        for random in &self.random {
+            let own: Vec<&Estimate> = next.by_ref().take(random.complete(bench).len()).collect();
+            model = model.with_effect(random.effect, random.form, &params(&own, source));
+        }
+        model
+    }
+
+    /// Logs whose start these logs leave open.
+    pub fn undetermined_starts(&self, bench: &Bench<'_>) -> Vec<String> {
+        let hypothesis = &self.variant.hypothesis;
+        if hypothesis.freedom == Freedom::Relaxed {
+            return Vec::new();
+        }
+        let rules = bench.rules(hypothesis);
+        let open = |index: &usize| {
+            let at = bench.own_start(hypothesis, *index);
+            (at..at + bench.start_count(hypothesis.freedom))
+                .any(|place| self.sigma(place) > UNDETERMINED * rules[place].sigma)
+        };
+        (0..bench.records.len()).filter(open).map(|index| bench.records[index].log.name.clone()).collect()
+    }
+}
+
+fn estimate(effect: &str, parameter: &plant_sim::effects::Parameter, value: f64, sigma: f64) -> Estimate {
+    Estimate {
+        effect: effect.to_owned(),
+        name: parameter.name.to_owned(),
+        value,
+        sigma,
+        unit: parameter.unit.to_owned(),
+    }
+}
+
+fn params(estimates: &[&Estimate], source: &str) -> Vec<Param> {
+    let param =
+        |e: &&Estimate| Param::absolute(e.value, if e.sigma.is_finite() { e.sigma } else { e.value.abs() }, source);
+    estimates.iter().map(param).collect()
+}
+
+/// Natural logarithm of the number over its prior.
+fn log_factor(scale: Scale, z: f64) -> f64 {
+    match scale {
+        Scale::Log { bound } => bound * (z / bound).tanh(),
+        Scale::NotNegative { .. } => z,
+    }
+}

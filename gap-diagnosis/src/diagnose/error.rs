@@ -1,0 +1,218 @@
+//! What makes a diagnosis impossible, and what it must be warned of: judged from the logs before anything is fitted.
+
+use super::bench::{Bench, Freedom, Hypothesis};
+use super::normal::reader;
+use plant_sim::log::{self, Log};
+use rayon::prelude::*;
+
+/// Fewest rows that a log must have after its run-in: each stretch that is held out needs some.
+const LEAST_ROWS: usize = 200;
+/// Gains of two logs that differ by more than this are in different units: no effect does that, and a prefix of the SI is 1000.
+const OTHER_UNIT: f64 = 30.0;
+/// A log's response counts as one if it correlates with the prediction by this much.
+const CORRELATED: f64 = 0.5;
+/// Rows that a check looks at: a few thousand say it as well as all.
+const LOOKED_AT: usize = 200_000;
+/// Rates that differ by more than this are different.
+const SAME_RATE: f64 = 1e-3;
+
+/// Why there is no diagnosis.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DiagnoseError {
+    /// No log.
+    #[error("no log to diagnose from: name at least one")]
+    NoLog,
+    /// An entry that the registry lacks was to be struck out.
+    #[error("{id:?} is no entry of the registry: did you mean {nearest:?}? `hysteron effects` lists all")]
+    NoSuchEntry {
+        /// As given.
+        id: String,
+        /// What it resembles.
+        nearest: &'static str,
+    },
+    /// Too little left after the run-in.
+    #[error(
+        "{log}: {rows} rows are left after a run-in of {run_in_s} s; at least {LEAST_ROWS} are needed: shorten --run-in or record longer"
+    )]
+    TooFewRows {
+        /// The log.
+        log: String,
+        /// Rows left.
+        rows: usize,
+        /// The run-in.
+        run_in_s: f64,
+    },
+    /// No command moves.
+    #[error("{logs}: the command never changes, so nothing shows what the plant does: drive it with steps or sines")]
+    NoExcitation {
+        /// The logs.
+        logs: String,
+    },
+    /// The displacement doesn't move although the command does.
+    #[error("{log}: the displacement never changes while the command does: check the sensor and its column")]
+    NoResponse {
+        /// The log.
+        log: String,
+    },
+    /// Logs that can't be of one bench in one unit.
+    #[error(
+        "{log} responds {ratio} of what {other} does for the same volts: the logs disagree in units or sign; give the one's with --scale displacement=..."
+    )]
+    UnitsDisagree {
+        /// The log that stands out.
+        log: String,
+        /// One of the others.
+        other: String,
+        /// Ratio of the gains.
+        ratio: String,
+    },
+    /// The nominal plant is farther from the logs than standing still would be.
+    #[error(
+        "the plant does not belong to these logs: its gap is {percent:.0} % of the displacement's rms ({log} {log_percent:.0} %), more than no motion at all would leave{hint}"
+    )]
+    OtherPlant {
+        /// Gap over displacement, all logs.
+        percent: f64,
+        /// The worst log.
+        log: String,
+        /// .. and its gap.
+        log_percent: f64,
+        /// What might have happened.
+        hint: String,
+    },
+    /// The prediction is not finite.
+    #[error("{log}: the plant's prediction is not finite: check the units in the plant's file")]
+    Diverges {
+        /// The log.
+        log: String,
+    },
+}
+
+/// A log's response against the nominal prediction.
+struct Response {
+    /// Measured per predicted, means taken out.
+    slope: f64,
+    correlation: f64,
+    gap_m2: f64,
+    displacement_m2: f64,
+}
+
+/// Refuses logs that hold nothing to go by, rows of `run_in` left out.
+pub(super) fn check_rows(logs: &[Log], run_in: &dyn Fn(&Log) -> usize) -> Result<(), DiagnoseError> {
+    for log in logs {
+        let run_in = run_in(log);
+        let rows = log.len().saturating_sub(run_in);
+        if rows < LEAST_ROWS {
+            return Err(DiagnoseError::TooFewRows { log: log.name.clone(), rows, run_in_s: run_in as f64 * log.dt_s });
+        }
+        if is_constant(&log.displacement_m[run_in..]) && !is_constant(&log.command_v[run_in..]) {
+            return Err(DiagnoseError::NoResponse { log: log.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+fn is_constant(values: &[f64]) -> bool {
+    values.iter().all(|v| *v == values[0])
+}
+
+/// Refuses logs without excitation, logs that disagree among themselves, and a plant that is not theirs.
+///
+/// Held-out logs may lack excitation: they are only scored.
+pub(super) fn check_plant(bench: &Bench<'_>, needs_excitation: bool) -> Result<(), DiagnoseError> {
+    let moving: Vec<usize> =
+        (0..bench.records.len()).filter(|&i| !is_constant(&bench.records[i].log.command_v)).collect();
+    if moving.is_empty() && !needs_excitation {
+        return Ok(());
+    }
+    if moving.is_empty() {
+        let names: Vec<&str> = bench.records.iter().map(|r| r.log.name.as_str()).collect();
+        return Err(DiagnoseError::NoExcitation { logs: names.join(", ") });
+    }
+    let name = |index: usize| bench.records[index].log.name.clone();
+    let responses: Vec<(usize, Response)> =
+        moving.par_iter().map(|&index| respond(bench, index).map(|r| (index, r))).collect::<Result<_, _>>()?;
+    let clear: Vec<&(usize, Response)> = responses.iter().filter(|(_, r)| r.correlation.abs() > CORRELATED).collect();
+    // The middle log is the unit of all; what is far from it stands out.
+    let mut sorted: Vec<&(usize, Response)> = clear.clone();
+    sorted.sort_by(|a, b| a.1.slope.abs().total_cmp(&b.1.slope.abs()));
+    if let Some((usual, middle)) = sorted.get(sorted.len() / 2) {
+        for (index, response) in &clear {
+            let ratio = response.slope / middle.slope;
+            if index != usual && !(1.0 / OTHER_UNIT..OTHER_UNIT).contains(&ratio) {
+                let ratio = if ratio.abs() < 1.0 { format!("{ratio:.1e}") } else { format!("{ratio:.0} times") };
+                return Err(DiagnoseError::UnitsDisagree { log: name(*index), other: name(*usual), ratio });
+            }
+        }
+    }
+    let percent = |gap_m2: f64, displacement_m2: f64| 100.0 * (gap_m2 / displacement_m2.max(f64::MIN_POSITIVE)).sqrt();
+    let sum = |of: fn(&Response) -> f64| responses.iter().map(|(_, r)| of(r)).sum::<f64>();
+    let all = percent(sum(|r| r.gap_m2), sum(|r| r.displacement_m2));
+    if all > 100.0 {
+        let (worst, response) =
+            responses.iter().max_by(|a, b| a.1.gap_m2.total_cmp(&b.1.gap_m2)).unwrap_or(&responses[0]);
+        let slope = clear.first().map_or(1.0, |(_, r)| r.slope);
+        let hint = match slope {
+            s if s < 0.0 => "; it moves the other way: turn its sign with --scale displacement=-1e-6".to_owned(),
+            s if !(1.0 / OTHER_UNIT..OTHER_UNIT).contains(&s) => {
+                format!("; the logs respond {s:.1e} times as much as the plant: check their units (--scale)")
+            }
+            _ => "; name the plant that was measured, or identify one".to_owned(),
+        };
+        return Err(DiagnoseError::OtherPlant {
+            percent: all,
+            log: name(*worst),
+            log_percent: percent(response.gap_m2, response.displacement_m2),
+            hint,
+        });
+    }
+    Ok(())
+}
+
+fn respond(bench: &Bench<'_>, index: usize) -> Result<Response, DiagnoseError> {
+    let record = &bench.records[index];
+    let hypothesis = Hypothesis::nominal(Freedom::Relaxed);
+    let z = bench.origin(&hypothesis, &[]);
+    let mut reader = reader(bench, &hypothesis, &z, index);
+    let rows = record.log.len().min(record.run_in + LOOKED_AT);
+    let (mut n, mut y, mut p, mut yy, mut pp, mut yp) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for (k, &measured) in record.log.displacement_m[..rows].iter().enumerate() {
+        let predicted = reader.next_m();
+        if k >= record.run_in {
+            n += 1.0;
+            y += measured;
+            p += predicted;
+            yy += measured * measured;
+            pp += predicted * predicted;
+            yp += measured * predicted;
+        }
+    }
+    if !(p.is_finite() && pp.is_finite()) {
+        return Err(DiagnoseError::Diverges { log: record.log.name.clone() });
+    }
+    let (yy, pp, yp) = (yy - y * y / n, pp - p * p / n, yp - y * p / n);
+    Ok(Response {
+        slope: yp / pp.max(f64::MIN_POSITIVE),
+        correlation: yp / (yy * pp).sqrt().max(f64::MIN_POSITIVE),
+        gap_m2: (yy - 2.0 * yp + pp).max(0.0),
+        displacement_m2: yy,
+    })
+}
+
+/// What looks wrong without making a diagnosis impossible.
+pub(super) fn warnings(logs: &[Log], held_out: &[Log]) -> Vec<String> {
+    let all = || logs.iter().chain(held_out);
+    let mut lines: Vec<String> = all().flat_map(log::warnings).collect();
+    if let Some(first) = logs.first()
+        && let Some(other) = all().find(|log| (log.dt_s / first.dt_s - 1.0).abs() > SAME_RATE)
+    {
+        lines.push(format!(
+            "{} is sampled at {:.6} Hz and {} at {:.6} Hz: each is followed at its own rate, but a slow log says little of fast effects",
+            first.name,
+            first.dt_s.recip(),
+            other.name,
+            other.dt_s.recip()
+        ));
+    }
+    lines
+}

@@ -1,0 +1,312 @@
+//! How large the gap is, how far it shrinks and what shares the effects have in that.
+
+use super::plants::{Benches, Played, Variant, scored_from};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::Serialize;
+
+/// Length of the blocks of the bootstrap, and of the cells that they are made of, seconds. Blocks outlast the plant's ringing and most
+/// of what one step leaves; cells only save time.
+const BLOCK_S: f64 = 0.05;
+const CELLS: usize = 10;
+/// Resamples.
+const RESAMPLES: usize = 1000;
+
+/// The gap in numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct Gap {
+    /// What it is taken on: `held-out log` or `held-out stretches`.
+    pub headline: &'static str,
+    /// Rms of measured minus predicted, nominal plant.
+    pub nominal_rms_um: f64,
+    /// .. nominal numbers refitted under their sigma.
+    pub refit_rms_um: f64,
+    /// .. with the named effects.
+    pub augmented_rms_um: f64,
+    /// Rms of the noise.
+    pub noise_rms_um: f64,
+    /// 100 (1 - augmented / nominal).
+    pub shrink_percent: f64,
+    /// Its 95 % interval, by moving blocks.
+    pub shrink_percent_ci95: [f64; 2],
+    /// The same above the noise.
+    pub closure_percent: f64,
+    /// What the fitted rows alone lead one to expect of `shrink_percent`.
+    pub predicted_shrink_percent: f64,
+}
+
+/// A player's share of what is explained.
+#[derive(Clone, Debug, Serialize)]
+pub struct ShareOf {
+    /// Effect, or `parameter_error` for the refit.
+    pub effect: String,
+    /// Of the squared excess.
+    pub percent: f64,
+}
+
+/// Predictions of the three plants for all logs, fitted ones first.
+pub(super) struct Three {
+    pub nominal: Vec<Played>,
+    pub refit: Vec<Played>,
+    pub augmented: Vec<Played>,
+    /// Mean square on the fitted logs of what no plant carries over to another log: lines, whose phases are each log's own.
+    pub not_portable_m2: f64,
+}
+
+/// Sums over a stretch: rows, squares of nominal, refit, augmented, and of the noise.
+#[derive(Clone, Copy, Default)]
+struct Sums([f64; 5]);
+
+impl Sums {
+    fn add(&mut self, other: &Sums) {
+        self.0.iter_mut().zip(other.0).for_each(|(sum, more)| *sum += more);
+    }
+
+    fn less(&self, other: &Sums) -> Sums {
+        let mut left = *self;
+        left.0.iter_mut().zip(other.0).for_each(|(sum, less)| *sum -= less);
+        left
+    }
+
+    fn mean(&self, of: usize) -> f64 {
+        self.0[of] / self.0[0].max(1.0)
+    }
+
+    fn shrink_percent(&self) -> f64 {
+        if self.0[1] > 0.0 { 100.0 * (1.0 - (self.0[3] / self.0[1]).sqrt()) } else { 0.0 }
+    }
+}
+
+/// Rows of log `index` (fitted ones first) that the headline scores.
+pub(super) fn is_scored(benches: &Benches<'_>, index: usize, row: usize) -> bool {
+    let fitted = benches.fitted.records.len();
+    match &benches.held {
+        Some(held) => index >= fitted && row >= scored_from(&held.records[index - fitted]),
+        None => {
+            let record = &benches.fitted.records[index];
+            row >= record.run_in && record.held_out.holds(row)
+        }
+    }
+}
+
+/// The gap on the headline's rows.
+pub(super) fn gap(benches: &Benches<'_>, three: &Three, seed: u64) -> Gap {
+    let mut logs: Vec<Vec<Sums>> = Vec::new();
+    for (index, record) in benches.records().enumerate() {
+        let cell_rows = ((BLOCK_S / CELLS as f64 / record.log.dt_s) as usize).max(1);
+        let augmented = &three.augmented[index];
+        let mut cells: Vec<Sums> = Vec::new();
+        for (row, &measured) in record.log.displacement_m.iter().enumerate() {
+            if !is_scored(benches, index, row) {
+                continue;
+            }
+            let square = |played: &Played| (measured - played.predicted_m[row]).powi(2);
+            let sums = Sums([
+                1.0,
+                square(&three.nominal[index]),
+                square(&three.refit[index]),
+                square(augmented),
+                record.noise_m.powi(2),
+            ]);
+            match cells.last_mut() {
+                Some(last) if last.0[0] < cell_rows as f64 => last.add(&sums),
+                _ => cells.push(sums),
+            }
+        }
+        if !cells.is_empty() {
+            logs.push(cells);
+        }
+    }
+    let mut all = Sums::default();
+    logs.iter().flatten().for_each(|cell| all.add(cell));
+    let rms_um = |of: usize| 1e6 * all.mean(of).sqrt();
+    let excess = |of: usize| (all.mean(of) - all.mean(4)).max(0.0).sqrt();
+    let closure_percent = match (excess(1), excess(3)) {
+        (_, 0.0) => 100.0,
+        (0.0, _) => 0.0,
+        (before, after) => 100.0 * (1.0 - after / before),
+    };
+    Gap {
+        headline: if benches.held.is_some() { "held-out log" } else { "held-out stretches" },
+        nominal_rms_um: rms_um(1),
+        refit_rms_um: rms_um(2),
+        augmented_rms_um: rms_um(3),
+        noise_rms_um: rms_um(4),
+        shrink_percent: all.shrink_percent(),
+        shrink_percent_ci95: interval(&logs, seed),
+        closure_percent,
+        predicted_shrink_percent: predicted(benches, three),
+    }
+}
+
+/// 2.5th and 97.5th percentile of the shrink over resampled blocks.
+fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
+    let mut random = Pcg64::seed_from_u64(seed);
+    // Sums from the start, so that a block is a difference.
+    let sums: Vec<Vec<Sums>> = logs
+        .iter()
+        .map(|cells| {
+            let mut sum = Sums::default();
+            let after = cells.iter().map(|cell| {
+                sum.add(cell);
+                sum
+            });
+            std::iter::once(Sums::default()).chain(after).collect()
+        })
+        .collect();
+    let starts: Vec<(usize, usize)> = logs
+        .iter()
+        .enumerate()
+        .flat_map(|(log, cells)| (0..=cells.len().saturating_sub(CELLS)).map(move |cell| (log, cell)))
+        .collect();
+    if starts.is_empty() {
+        return [0.0, 0.0];
+    }
+    let blocks = logs.iter().map(Vec::len).sum::<usize>().div_ceil(CELLS);
+    let mut shrinks: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            let mut all = Sums::default();
+            for _ in 0..blocks {
+                let (log, cell) = starts[random.random_range(0..starts.len())];
+                let upto = (cell + CELLS).min(sums[log].len() - 1);
+                all.add(&sums[log][upto].less(&sums[log][cell]));
+            }
+            all.shrink_percent()
+        })
+        .collect();
+    shrinks.sort_by(f64::total_cmp);
+    [shrinks[RESAMPLES * 25 / 1000], shrinks[RESAMPLES * 975 / 1000 - 1]]
+}
+
+/// The shrink that the fitted rows and the headline's commands lead one to expect: the plants' difference on those rows is what will
+/// be gained, and what the fitted rows leave unexplained stays, in the same proportion to that difference.
+fn predicted(benches: &Benches<'_>, three: &Three) -> f64 {
+    let (mut fitted, mut headline) = ([0.0; 3], [0.0; 3]);
+    for (index, record) in benches.records().enumerate() {
+        let augmented = &three.augmented[index];
+        let noise2 = record.noise_m.powi(2);
+        for (row, &measured) in record.log.displacement_m.iter().enumerate() {
+            let difference2 = (three.nominal[index].predicted_m[row] - augmented.predicted_m[row]).powi(2);
+            if is_scored(benches, index, row) {
+                headline.iter_mut().zip([1.0, difference2, noise2]).for_each(|(sum, more)| *sum += more);
+            } else if index < benches.fitted.records.len() && row >= record.run_in {
+                let left2 = (measured - augmented.predicted_m[row]).powi(2) - noise2;
+                fitted.iter_mut().zip([1.0, difference2, left2]).for_each(|(sum, more)| *sum += more);
+            }
+        }
+    }
+    if headline[1] <= 0.0 || fitted[1] <= 0.0 {
+        return 0.0;
+    }
+    let lines2 = if benches.held.is_some() { three.not_portable_m2 * headline[0] } else { 0.0 };
+    let left2 = (fitted[2].max(0.0) / fitted[1]) * headline[1] + lines2;
+    let (before2, after2) = (headline[1] + left2 + headline[2], left2 + headline[2]);
+    100.0 * (1.0 - (after2 / before2).sqrt())
+}
+
+/// Mean square beyond the noise on the headline's rows, metres squared.
+fn excess2(benches: &Benches<'_>, played: &[Played]) -> f64 {
+    let (mut rows, mut sum) = (0.0, 0.0);
+    for (index, record) in benches.records().enumerate() {
+        for (row, &measured) in record.log.displacement_m.iter().enumerate() {
+            if is_scored(benches, index, row) {
+                rows += 1.0;
+                sum += (measured - played[index].predicted_m[row]).powi(2) - record.noise_m.powi(2);
+            }
+        }
+    }
+    f64::max(sum / f64::max(rows, 1.0), 0.0)
+}
+
+/// Shapley shares of the refit and of the variant's effects in the squared excess that they take away. `beyond` are effects that no
+/// prediction shows, with their power. Where each coalition stands is simulated once; it is fitted again only where a fit is there
+/// already: the refit alone and all together.
+pub(super) fn shares(
+    benches: &Benches<'_>,
+    three: &Three,
+    augmented: &Variant,
+    beyond: &[(&'static str, f64)],
+) -> Vec<ShareOf> {
+    let installed: Vec<&'static str> = augmented.hypothesis.ids();
+    let players = 1 + installed.len();
+    let nominal2 = excess2(benches, &three.nominal);
+    let explained: Vec<f64> = (0..1usize << players)
+        .map(|coalition| {
+            let left2 = match coalition {
+                0 => nominal2,
+                1 => excess2(benches, &three.refit),
+                _ if coalition + 1 == 1 << players => excess2(benches, &three.augmented),
+                _ => {
+                    let part = augmented.part(&benches.fitted, coalition & 1 == 1, |i| {
+                        let at = installed.iter().position(|id| *id == i.effect.id()).unwrap_or(0);
+                        coalition >> (1 + at) & 1 == 1
+                    });
+                    excess2(benches, &benches.play_headline(&part))
+                }
+            };
+            nominal2 - left2
+        })
+        .collect();
+    let mut values = shapley(&explained, players);
+    // A coalition may be worse than the nominal plant; a share below nothing would tell a reader nothing.
+    values.iter_mut().for_each(|value| *value = value.max(0.0));
+    let names = std::iter::once("parameter_error").chain(installed).chain(beyond.iter().map(|(id, _)| *id));
+    values.extend(beyond.iter().map(|(_, power_m2)| power_m2.max(0.0)));
+    let sum: f64 = values.iter().sum();
+    let mut shares: Vec<ShareOf> = Vec::new();
+    for (name, value) in names.zip(values) {
+        let percent = if sum > 0.0 { 100.0 * value / sum } else { 0.0 };
+        match shares.iter_mut().find(|share| share.effect == name) {
+            Some(share) => share.percent += percent,
+            None => shares.push(ShareOf { effect: name.to_owned(), percent }),
+        }
+    }
+    if sum <= 0.0 {
+        shares[0].percent = 100.0;
+    }
+    shares.sort_by(|a, b| b.percent.total_cmp(&a.percent));
+    shares
+}
+
+/// Each player's mean marginal value over all orders; `values` by coalition, bit i for player i.
+fn shapley(values: &[f64], players: usize) -> Vec<f64> {
+    let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
+    (0..players)
+        .map(|player| {
+            (0..values.len())
+                .filter(|coalition| coalition >> player & 1 == 0)
+                .map(|coalition| {
+                    let size = coalition.count_ones() as usize;
+                    let weight = factorial(size) * factorial(players - size - 1) / factorial(players);
+                    weight * (values[coalition | 1 << player] - values[coalition])
+                })
+                .sum()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Sums, interval, shapley};
+
+    #[test]
+    fn shares_of_a_known_game() {
+        // A left glove against two right ones: 2/3, 1/6, 1/6.
+        let game: Vec<f64> = (0..8).map(|c: usize| f64::from(u8::from(c & 1 == 1 && c > 1))).collect();
+        let values = shapley(&game, 3);
+        for (found, right) in values.iter().zip([2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0]) {
+            assert!((found - right).abs() < 1e-12, "{values:?}");
+        }
+    }
+
+    #[test]
+    fn the_interval_holds_the_shrink_and_follows_the_seed() {
+        let cells = |from: usize| (from..from + 200).map(|k| Sums([100.0, 900.0 + k as f64, 0.0, 9.0, 0.0])).collect();
+        let logs: Vec<Vec<Sums>> = vec![cells(0), cells(50)];
+        let [low, high] = interval(&logs, 1);
+        // sqrt(9 / 1025) of the amplitude stays on average.
+        assert!(low < 90.63 && 90.63 < high && high - low < 0.5, "{low} {high}");
+        assert_eq!(interval(&logs, 1), [low, high]);
+        assert_ne!(interval(&logs, 2), [low, high]);
+    }
+}

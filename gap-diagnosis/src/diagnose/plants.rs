@@ -1,0 +1,224 @@
+//! Variants of the plant (nominal, refitted, with effects) played on all logs, the held-out ones included.
+//!
+//! A log that no fit has seen gives one thing away: its start, from its first tenth, which is then not scored.
+
+use super::bench::{Bench, Hypothesis, Installed, Record};
+use super::normal::reader;
+use super::records::record;
+use nalgebra::{DMatrix, DVector};
+use plant_sim::log::Log;
+use plant_sim::model::Model;
+use rayon::prelude::*;
+
+/// Share of a held-out log that its start is fitted to.
+pub(super) const START_SHARE: f64 = 0.1;
+/// Steps of that fit at most, and halvings of a step.
+const STEPS: usize = 8;
+const HALVINGS: usize = 5;
+
+/// All logs, laws followed finely: what is said of a fit is said at full accuracy.
+pub(super) struct Benches<'a> {
+    /// The logs that were fitted.
+    pub fitted: Bench<'a>,
+    /// Those that were not; none without such logs.
+    pub held: Option<Bench<'a>>,
+}
+
+/// A plant: forms, and coordinates on the fitted logs.
+#[derive(Clone)]
+pub(super) struct Variant {
+    /// What is installed.
+    pub hypothesis: Hypothesis,
+    /// Its coordinates.
+    pub z: Vec<f64>,
+    /// Whether the coordinates hold the starts of the fitted logs; if not they are fitted like those of held-out logs.
+    pub starts_known: bool,
+}
+
+/// What a variant predicts for one log, all rows.
+pub(super) struct Played {
+    /// Reading of an ideal sensor.
+    pub predicted_m: Vec<f64>,
+    /// Velocity of the structure.
+    pub velocity_m_per_s: Vec<f64>,
+}
+
+impl<'a> Benches<'a> {
+    /// The benches of the fitted `records` and of the `held_out` logs.
+    pub fn new(model: &'a Model, records: Vec<Record<'a>>, held_out: &'a [Log], run_in_s: Option<f64>) -> Self {
+        let chain = model.chain();
+        let fine = |records: Vec<Record<'a>>| {
+            let mut bench = Bench::new(model, records);
+            bench.chain.parts.is_coarse = false;
+            bench
+        };
+        let held = held_out.iter().map(|log| record(log, &chain, run_in_s, false)).collect::<Vec<_>>();
+        Self { fitted: fine(records), held: (!held.is_empty()).then(|| fine(held)) }
+    }
+
+    /// Records of all logs, fitted ones first.
+    pub fn records(&self) -> impl Iterator<Item = &Record<'a>> {
+        self.fitted.records.iter().chain(self.held.iter().flat_map(|bench| &bench.records))
+    }
+
+    /// What `variant` predicts for all logs, fitted ones first.
+    pub fn play(&self, variant: &Variant) -> Vec<Played> {
+        let mut played = play_on(&self.fitted, &variant.hypothesis, &variant.z, !variant.starts_known);
+        played.extend(self.play_held(variant));
+        played
+    }
+
+    /// The same for the logs that the headline scores; nothing for the others.
+    pub fn play_headline(&self, variant: &Variant) -> Vec<Played> {
+        if self.held.is_none() {
+            return self.play(variant);
+        }
+        let skipped =
+            self.fitted.records.iter().map(|_| Played { predicted_m: Vec::new(), velocity_m_per_s: Vec::new() });
+        skipped.chain(self.play_held(variant)).collect()
+    }
+
+    fn play_held(&self, variant: &Variant) -> Vec<Played> {
+        let Some(held) = &self.held else { return Vec::new() };
+        let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
+        play_on(held, &variant.hypothesis, &z, true)
+    }
+}
+
+impl Variant {
+    /// Whether parts of it belong to each log: the phase of a line.
+    pub fn has_lines(&self) -> bool {
+        self.hypothesis.installed.iter().flat_map(|i| &i.axes).any(|axis| axis.parameter.per_log)
+    }
+
+    /// This with only those of its forms that `keep` says, and with the nominal numbers if not `refitted`.
+    pub fn part(&self, bench: &Bench<'_>, refitted: bool, keep: impl Fn(&Installed) -> bool) -> Variant {
+        let mut hypothesis = self.hypothesis.clone();
+        hypothesis.installed.retain(|installed| keep(installed));
+        let mut z = carry(bench, &self.hypothesis, &self.z, bench, &hypothesis, true);
+        if !refitted {
+            z[..bench.free.len()].fill(0.0);
+        }
+        Variant { hypothesis, z, starts_known: false }
+    }
+}
+
+fn play_on(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], settle_starts: bool) -> Vec<Played> {
+    let one = |index: usize| {
+        let mut z = z.to_vec();
+        if settle_starts {
+            settle(bench, hypothesis, &mut z, index);
+        }
+        let rows = bench.records[index].log.len();
+        let mut reader = reader(bench, hypothesis, &z, index);
+        let mut played = Played { predicted_m: Vec::with_capacity(rows), velocity_m_per_s: Vec::with_capacity(rows) };
+        for _ in 0..rows {
+            played.predicted_m.push(reader.next_m());
+            played.velocity_m_per_s.push(reader.motion.1);
+        }
+        played
+    };
+    (0..bench.records.len()).into_par_iter().map(one).collect()
+}
+
+/// Coordinates of `to` on bench `there` that keep what was found for `from` on bench `here`: numbers and shared parameters, and on
+/// the `same` logs what each has of its own. What a log has of its own stays at rest, and at nothing, elsewhere.
+pub(super) fn carry(
+    here: &Bench<'_>,
+    from: &Hypothesis,
+    z: &[f64],
+    there: &Bench<'_>,
+    to: &Hypothesis,
+    same: bool,
+) -> Vec<f64> {
+    let mut carried = there.origin(to, &[]);
+    let numbers = here.free.len();
+    carried[..numbers].copy_from_slice(&z[..numbers]);
+    let logs = if same { here.records.len() } else { there.records.len().min(1) };
+    for index in 0..logs {
+        let (old, new) = (here.places(from, if same { index } else { 0 }), there.places(to, index));
+        for (installed, places) in to.installed.iter().zip(&new) {
+            let matching = |i: &Installed| i.effect.id() == installed.effect.id() && i.form.name == installed.form.name;
+            let Some(at) = from.installed.iter().position(matching) else { continue };
+            for ((axis, &to), &from) in installed.axes.iter().zip(places).zip(&old[at]) {
+                if same || !axis.parameter.per_log {
+                    carried[to] = z[from];
+                }
+            }
+        }
+        if same {
+            let count = here.start_count(from.freedom).min(there.start_count(to.freedom));
+            let (at, to) = (here.own_start(from, index), there.own_start(to, index));
+            carried[to..to + count].copy_from_slice(&z[at..at + count]);
+        }
+    }
+    carried
+}
+
+/// Fits the start of log `index` to its first tenth, everything else held.
+fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let at = bench.own_start(hypothesis, index);
+    let count = bench.start_count(hypothesis.freedom);
+    let record = &bench.records[index];
+    let upto = scored_from(record).max(record.run_in + 16).min(record.log.len());
+    if count == 0 {
+        return;
+    }
+    let rules = &bench.rules(hypothesis)[at..at + count];
+    let residuals = |z: &[f64]| -> Vec<f64> {
+        let mut reader = reader(bench, hypothesis, z, index);
+        record.log.displacement_m[..upto].iter().map(|y| y - reader.next_m()).skip(record.run_in).collect()
+    };
+    let prior = |z: &[f64]| -> f64 {
+        rules.iter().zip(&z[at..]).map(|(rule, z)| ((z - rule.centre) / rule.sigma).powi(2)).sum()
+    };
+    let mut here = residuals(z);
+    for _ in 0..STEPS {
+        let squares: f64 = here.iter().map(|r| r * r).sum();
+        // A plant that doesn't fit must not bend its start for it: the unit of the residual is the residual itself.
+        let weight = 1.0 / (record.noise_m * record.noise_m).max(squares / here.len() as f64);
+        let columns: Vec<Vec<f64>> = (0..count)
+            .map(|i| {
+                let mut there = z.to_vec();
+                let step = if z[at + i] + rules[i].step > rules[i].bounds[1] { -rules[i].step } else { rules[i].step };
+                there[at + i] += step;
+                residuals(&there).iter().zip(&here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
+            })
+            .collect();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
+        let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], &here));
+        for (i, rule) in rules.iter().enumerate() {
+            information[(i, i)] += rule.sigma.powi(-2);
+            gradient[i] -= (z[at + i] - rule.centre) / rule.sigma.powi(2);
+        }
+        let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { return };
+        let before = weight * squares + prior(z);
+        let mut share = 1.0;
+        let mut gained = None;
+        for _ in 0..HALVINGS {
+            let mut there = z.to_vec();
+            for (i, rule) in rules.iter().enumerate() {
+                let step = (share * change[i]).clamp(-rule.most, rule.most);
+                there[at + i] = (z[at + i] + step).clamp(rule.bounds[0], rule.bounds[1]);
+            }
+            let next = residuals(&there);
+            let after = weight * next.iter().map(|r| r * r).sum::<f64>() + prior(&there);
+            if after < before {
+                z.copy_from_slice(&there);
+                here = next;
+                gained = Some(before - after);
+                break;
+            }
+            share *= 0.3;
+        }
+        if gained.is_none_or(|gained| gained < 1e-4 * before) {
+            return;
+        }
+    }
+}
+
+/// First row of a log of which only the start was fitted that counts.
+pub(super) fn scored_from(record: &Record<'_>) -> usize {
+    record.run_in + ((record.log.len() - record.run_in) as f64 * START_SHARE) as usize
+}

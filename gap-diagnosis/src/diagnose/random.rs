@@ -1,0 +1,113 @@
+//! Effects that change what can't be predicted: they close no gap row by row, but the plant is told of them.
+//!
+//! Some the course reads from how the residual scatters. Noise beyond what the plant's file states is judged here: the fits count in
+//! units of the noise that the logs show, so no fit ever misses it.
+
+use super::bench::Bench;
+use super::judge::Course;
+use plant_sim::effects::{Effect, Form, Role, find};
+use plant_sim::model::Model;
+
+/// The measured floor counts as more than stated beyond this many of the statement's sigma, ..
+const SIGMAS: f64 = 4.0;
+/// .. and beyond this share of it, whatever sigma is claimed.
+const LEAST_SHARE: f64 = 0.25;
+/// A lattice that makes more than this share of the excess is what there is.
+const LATTICE_SHARE: f64 = 0.5;
+/// Probability that noise judged so is what it is taken for: there are other reasons for a wrong data sheet.
+pub(super) const CONFIDENCE: f64 = 0.97;
+/// Relative sigma of a size that only scatter tells, where the scatter doesn't say itself.
+const SCATTER_SIGMA: f64 = 0.1;
+
+/// An effect that no simulation predicts, with its size.
+#[derive(Clone)]
+pub(super) struct Random {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Its form.
+    pub form: &'static Form,
+    /// Values of its parameters.
+    pub values: Vec<f64>,
+    /// Their standard deviations.
+    pub sigmas: Vec<f64>,
+    /// Mean square that it adds to each row, metres squared.
+    pub power_m2: f64,
+}
+
+/// Noise beyond what the model's file states, if it states any.
+pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) -> Option<Random> {
+    let stated = model.sensor.noise_um.as_ref().filter(|noise| noise.value > 0.0)?;
+    let stated_m = stated.value * 1e-6;
+    // What a plant that has the effect already says of it is stated too.
+    let known_m = bench.model.chain().sensor;
+    let stated2 = stated_m.powi(2).max(known_m.noise_m.powi(2) + known_m.slow_noise_m.powi(2));
+    let mean = |of: &dyn Fn(&super::bench::Record<'_>) -> f64| {
+        let rows: usize = bench.records.iter().map(|r| r.log.len()).sum();
+        bench.records.iter().map(|r| of(r) * r.log.len() as f64).sum::<f64>() / rows.max(1) as f64
+    };
+    let measured2 = mean(&|r| r.noise_m * r.noise_m);
+    let allowed = 1.0 + (SIGMAS * stated.relative_sigma()).max(LEAST_SHARE);
+    let excess2 = measured2 - stated2;
+    if measured2.sqrt() <= allowed * stated2.sqrt() {
+        return None;
+    }
+    let lattice2 = mean(&|r| r.lattice_m * r.lattice_m / 12.0);
+    let is_lattice = lattice2 > LATTICE_SHARE * excess2;
+    let (id, form, value) = if is_lattice {
+        let step_m = bench.records.iter().map(|r| r.lattice_m).fold(0.0, f64::max);
+        ("quantisation", "converter-in", step_m)
+    } else {
+        ("noise_excess", "white", excess2.sqrt())
+    };
+    if without.contains(&id) {
+        return None;
+    }
+    // d(excess) = (stated / excess) d(stated), and what a few thousand rows leave open.
+    let sigma = if is_lattice {
+        1e-3 * value
+    } else {
+        (stated2 / excess2.sqrt() * stated.relative_sigma()).hypot(0.01 * value)
+    };
+    random(id, form, vec![value], vec![sigma], if is_lattice { lattice2 } else { excess2 })
+}
+
+/// What the course read from scatter, with the power that it accounts for.
+pub(super) fn by_scatter(course: &Course, effect: &'static dyn Effect, form: &'static Form, values: &[f64]) -> Random {
+    let scattered = &course.scattered;
+    let value = values.first().copied().unwrap_or(0.0);
+    let (power_m2, sigma) = match effect.id() {
+        "sampling_jitter" => (scattered.jitter_m2, scattered.jitter_sigma_s),
+        "lost_samples" => {
+            let rows: usize = course.refit.found.normal.logs.iter().map(|log| log.rows).sum();
+            (scattered.repeated_m2, (value / rows.max(1) as f64).sqrt())
+        }
+        _ => (scattered.excess_m2.max(0.0), SCATTER_SIGMA * value),
+    };
+    Random { effect, form, values: values.to_vec(), sigmas: vec![sigma], power_m2 }
+}
+
+fn random(id: &str, form: &str, values: Vec<f64>, sigmas: Vec<f64>, power_m2: f64) -> Option<Random> {
+    let effect = find(id)?;
+    let form = effect.forms().iter().find(|f| f.name == form)?;
+    Some(Random { effect, form, values, sigmas, power_m2 })
+}
+
+impl Random {
+    /// Values and sigmas of all of the form's parameters: those that scatter doesn't tell are the first that a search would try.
+    pub fn complete(&self, bench: &Bench<'_>) -> Vec<(plant_sim::effects::Parameter, f64, f64)> {
+        let parameters = (self.form.parameters)(&bench.scales());
+        parameters
+            .into_iter()
+            .enumerate()
+            .map(|(i, parameter)| {
+                let usual = match &parameter.role {
+                    Role::Amplitude(typical) => *typical,
+                    Role::Shape(starts) | Role::Place(starts) => starts.first().copied().unwrap_or(parameter.bounds[0]),
+                };
+                let value = self.values.get(i).copied().unwrap_or(usual);
+                let sigma = self.sigmas.get(i).copied().unwrap_or(value.abs());
+                (parameter, value, sigma)
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,289 @@
+//! The page of a diagnosis: what [`Diagnosis`] and its evidence say, put into a [`DiagnosisView`], and the verdict in one sentence.
+
+use super::answer::{Diagnosis, LogEvidence, Rival};
+use super::verdict::Verdict;
+use crate::locate::strongest;
+use crate::page::{
+    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, Page, RankView,
+    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
+};
+use crate::spectra::{best_linear, frf, segment_samples};
+use plant_sim::effects::find;
+
+/// Lines that a multisine has at least; fewer are a sine.
+const LEAST_LINES: usize = 20;
+/// Frequency responses on the page.
+const MOST_RESPONSES: usize = 2;
+/// A fit whose numbers shift by more than this, in squares of sigma, bends the plant.
+const BENT: f64 = 40.0;
+/// .. and one that leaves more than this doesn't explain.
+const LEAVES: f64 = 0.1;
+
+impl Diagnosis {
+    /// The verdict in one sentence.
+    pub fn sentence(&self) -> String {
+        let gap = &self.gap;
+        let [low, high] = gap.shrink_percent_ci95;
+        let taken = if gap.headline == "held-out log" { "a log never shown" } else { "stretches that no fit has seen" };
+        let shrink = format!(
+            "the model's rms error on {taken} goes from {:.4} to {:.4} um, {:.1} % less [{low:.1}, {high:.1}] (noise {:.4} um)",
+            gap.nominal_rms_um, gap.augmented_rms_um, gap.shrink_percent, gap.noise_rms_um
+        );
+        match self.verdict {
+            Verdict::NoGap => {
+                format!("There is no gap beyond what the plant's stated uncertainties allow: {shrink}.")
+            }
+            Verdict::Unknown => format!(
+                "There is a gap, and no entry of the registry explains it; after the refit it lies here: {}.",
+                strongest(&self.location)
+            ),
+            Verdict::Explained => {
+                let titles: Vec<String> = self.effects.iter().map(|id| self.title(id)).collect();
+                let probability: f64 =
+                    self.ranking.iter().filter(|r| self.effects.contains(&r.effect)).map(|r| r.probability).sum();
+                let stage = self.stage.map_or(String::new(), |stage| format!(" ({stage})"));
+                let open = if self.classes.is_empty() {
+                    String::new()
+                } else {
+                    let classes: Vec<String> = self.classes.iter().map(|class| class.members.join(" / ")).collect();
+                    format!(", which these logs cannot tell apart: {}", classes.join("; "))
+                };
+                format!("The gap is {}{stage}, {:.0} %{open}: {shrink}.", titles.join(" and "), 100.0 * probability)
+            }
+        }
+    }
+
+    fn title(&self, id: &str) -> String {
+        match find(id) {
+            Some(effect) => effect.about().title.to_owned(),
+            None if self.changed.len() == 1 => format!("a wrong {}", self.changed[0].name),
+            None => "a wrong nominal number".to_owned(),
+        }
+    }
+
+    /// The page. `subtitle` says which plant and which logs; `provenance` how to repeat it.
+    pub fn page(&self, title: &str, subtitle: &str, provenance: &[String]) -> Page {
+        diagnosis_page(&self.view(title, subtitle, provenance))
+    }
+
+    fn view(&self, title: &str, subtitle: &str, provenance: &[String]) -> DiagnosisView {
+        let gap = &self.gap;
+        DiagnosisView {
+            title: title.to_owned(),
+            subtitle: subtitle.to_owned(),
+            verdict: self.sentence(),
+            warnings: self.warnings.clone(),
+            gap: GapView {
+                headline: gap.headline.to_owned(),
+                nominal_rms_um: gap.nominal_rms_um,
+                refit_rms_um: gap.refit_rms_um,
+                augmented_rms_um: gap.augmented_rms_um,
+                noise_rms_um: gap.noise_rms_um,
+                shrink_percent: gap.shrink_percent,
+                shrink_percent_ci95: gap.shrink_percent_ci95,
+                closure_percent: gap.closure_percent,
+            },
+            facts: vec![(
+                "shrink predicted from the fitted rows".to_owned(),
+                format!("{:.1} %", gap.predicted_shrink_percent).replace('-', "−"),
+            )],
+            ranking: self
+                .ranking
+                .iter()
+                .map(|ranked| RankView {
+                    effect: ranked.effect.clone(),
+                    note: find(&ranked.effect).map_or(String::new(), |effect| effect.stage().name().to_owned()),
+                    probability: ranked.probability,
+                })
+                .collect(),
+            set90: self.set90.clone(),
+            classes: self
+                .classes
+                .iter()
+                .map(|class| ClassView { effects: class.members.clone(), reason: class.reason.clone() })
+                .collect(),
+            effects: self.effects.iter().map(|id| self.effect(id)).collect(),
+            shares: self
+                .shares
+                .iter()
+                .map(|share| ShareView { name: share.effect.clone(), percent: share.percent })
+                .collect(),
+            changed: self
+                .changed
+                .iter()
+                .zip(&self.evidence.changed)
+                .map(|(changed, quantity)| {
+                    let (name, unit) = quantity.words();
+                    ChangedView {
+                        name,
+                        unit: unit.to_owned(),
+                        nominal: changed.nominal,
+                        refit: changed.refit,
+                        sigma: changed.sigma,
+                    }
+                })
+                .collect(),
+            next: match &self.next_experiment {
+                Some(next) => NextView {
+                    spec: Some(next.spec.clone()),
+                    rate_hz: next.rate_hz,
+                    splits: next.splits.clone(),
+                    reason: next.reason.clone(),
+                },
+                None => {
+                    NextView { reason: self.no_experiment_reason.clone().unwrap_or_default(), ..NextView::default() }
+                }
+            },
+            location: Some(self.location.clone()),
+            location_after: self.evidence.location_after.clone(),
+            logs: self.evidence.logs.iter().map(diagnosed).collect(),
+            responses: responses(&self.evidence.logs),
+            rivals: self.evidence.rivals.iter().map(|rival| self.rival(rival)).collect(),
+            unexplained: (self.unexplained.rms_um > 0.0).then(|| UnexplainedView {
+                rms_um: self.unexplained.rms_um,
+                structured_share_percent: self.unexplained.structured_share_percent,
+                max_abs_autocorrelation: self.unexplained.max_abs_autocorrelation,
+                lag_s: self.unexplained.lag_s,
+                strongest: self.unexplained.strongest.clone(),
+            }),
+            provenance: provenance.to_vec(),
+        }
+    }
+
+    fn effect(&self, id: &str) -> EffectView {
+        let parameters = self.parameters.iter().filter(|estimate| estimate.effect == id);
+        let parameters = parameters.map(|estimate| EstimateView {
+            name: estimate.name.clone(),
+            value: estimate.value,
+            sigma: estimate.sigma,
+            unit: estimate.unit.clone(),
+        });
+        let (summary, equation, signature, source) = match find(id).map(|effect| effect.about()) {
+            Some(about) => (about.what, about.equation, about.signature, about.source),
+            None => (
+                "One of the plant's numbers is not what its file says, by more than its stated uncertainty.",
+                "p = p_nominal (1 + e)",
+                "once this number is free, the others come back to where the file has them",
+                "",
+            ),
+        };
+        EffectView {
+            effect: id.to_owned(),
+            summary: summary.to_owned(),
+            equation: equation.to_owned(),
+            signature: signature.to_owned(),
+            source: source.to_owned(),
+            parameters: parameters.collect(),
+        }
+    }
+
+    fn rival(&self, rival: &Rival) -> RivalView {
+        let in_class = self
+            .classes
+            .iter()
+            .any(|class| rival.effects.iter().all(|id| class.members.contains(id) || self.effects.contains(id)));
+        let reason = if in_class {
+            "Not rejected: these logs cannot tell it apart.".to_owned()
+        } else if rival.left > LEAVES {
+            format!("Leaves {:.0} % of the gap.", 100.0 * rival.left)
+        } else if rival.prior_cost > BENT {
+            format!(
+                "Needs the nominal numbers far from where they are known to be (chi-square {:.0}).",
+                rival.prior_cost
+            )
+        } else if rival.effects.len() > self.effects.len() {
+            "Explains no more, with one effect more.".to_owned()
+        } else {
+            format!("Leaves {:.1} % of the gap, more than the one named.", 100.0 * rival.left)
+        };
+        RivalView {
+            effect: rival.effects.join(" + "),
+            rms_over_noise: rival.rms_over_noise,
+            prior_cost: rival.prior_cost,
+            probability: rival.probability,
+            reason,
+        }
+    }
+}
+
+fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
+    let um = |values: &[f64]| values.iter().map(|m| 1e6 * m).collect::<Vec<f64>>();
+    let mut measured_um = um(&log.measured_m);
+    measured_um[..log.run_in].fill(f64::NAN);
+    DiagnosedLog {
+        name: log.name.clone(),
+        is_held_out: log.is_held_out,
+        time_s: (0..log.measured_m.len()).map(|k| log.from_s + k as f64 * log.dt_s).collect(),
+        drive_v: log.command_v.clone(),
+        measured_um,
+        nominal_um: um(&log.nominal_m),
+        refit_um: um(&log.refit_m),
+        augmented_um: um(&log.augmented_m),
+        noise_um: 1e6 * log.noise_m,
+    }
+}
+
+/// Responses of the logs with a multisine; without one, Welch's of the longest log.
+fn responses(logs: &[LogEvidence]) -> Vec<ResponseView> {
+    let mut found: Vec<ResponseView> = logs.iter().filter_map(by_multisine).take(MOST_RESPONSES).collect();
+    if found.is_empty() {
+        let longest = logs.iter().max_by(|a, b| {
+            let seconds = |log: &LogEvidence| log.dt_s * log.measured_m.len() as f64;
+            seconds(a).total_cmp(&seconds(b))
+        });
+        found.extend(longest.and_then(by_welch));
+    }
+    found
+}
+
+fn um_per_v(gain_m_per_v: &[f64]) -> Vec<f64> {
+    gain_m_per_v.iter().map(|gain| 1e6 * gain).collect()
+}
+
+fn degrees(phase_rad: &[f64]) -> Vec<f64> {
+    phase_rad.iter().map(|phase| phase.to_degrees()).collect()
+}
+
+fn by_multisine(log: &LogEvidence) -> Option<ResponseView> {
+    let of = |y: &[f64]| {
+        best_linear(&log.command_v, y, log.dt_s, log.period_samples).filter(|r| r.frequency_hz.len() >= LEAST_LINES)
+    };
+    let (measured, nominal, augmented) = (of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?);
+    Some(ResponseView {
+        title: format!("Best linear approximation, {}", log.name),
+        caption: format!(
+            "{} periods: what differs between them is noise; what differs between realisations is distortion.",
+            measured.n_periods
+        ),
+        measured_um_per_v: um_per_v(&measured.gain_m_per_v),
+        measured_deg: degrees(&measured.phase_rad),
+        nominal_um_per_v: um_per_v(&nominal.gain_m_per_v),
+        nominal_deg: degrees(&nominal.phase_rad),
+        augmented_um_per_v: um_per_v(&augmented.gain_m_per_v),
+        augmented_deg: degrees(&augmented.phase_rad),
+        noise_um_per_v: um_per_v(&measured.noise_m_per_v),
+        distortion_um_per_v: um_per_v(&measured.distortion_m_per_v),
+        coherence: Vec::new(),
+        frequency_hz: measured.frequency_hz,
+    })
+}
+
+fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
+    let segment = segment_samples(log.measured_m.len());
+    let of = |y: &[f64]| frf(&log.command_v, y, log.dt_s, segment);
+    let (measured, nominal, augmented) = (of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?);
+    Some(ResponseView {
+        title: format!("Frequency response, {}", log.name),
+        caption: "By Welch's method; where the coherence is low, the drive holds too little power.".to_owned(),
+        measured_um_per_v: um_per_v(&measured.gain_m_per_v),
+        measured_deg: degrees(&measured.phase_rad),
+        nominal_um_per_v: um_per_v(&nominal.gain_m_per_v),
+        nominal_deg: degrees(&nominal.phase_rad),
+        augmented_um_per_v: um_per_v(&augmented.gain_m_per_v),
+        augmented_deg: degrees(&augmented.phase_rad),
+        noise_um_per_v: um_per_v(&measured.gain_sigma_m_per_v),
+        distortion_um_per_v: Vec::new(),
+        coherence: measured.coherence,
+        frequency_hz: measured.frequency_hz,
+    })
+}

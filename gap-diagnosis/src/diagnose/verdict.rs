@@ -1,0 +1,206 @@
+//! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
+
+use super::bench::Bench;
+use super::gap::ShareOf;
+use super::judge::{Course, Explanation};
+use super::random::{CONFIDENCE, Random};
+use super::symmetry::freed;
+use plant_sim::effects::REGISTRY;
+use serde::Serialize;
+
+/// Difference of prior cost below which an exact symmetry leaves two entries open: three sigma.
+const SAME_COST: f64 = 9.0;
+/// Ratio of probabilities within which two good fits are one answer, and what a good fit leaves at most.
+const SAME_PROBABILITY: f64 = 5.0;
+const GOOD: f64 = 0.10;
+/// What of an explanation's probability each of its members gets at least.
+const LEAST_SHARE: f64 = 0.3;
+/// Entries that are decided by priors alone.
+const BY_PRIORS: [&str; 4] = ["payload_mass", "amplifier_gain", "sensor_gain", "parameter_error"];
+
+/// What is said of the gap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// There is none, or the refit within the stated uncertainties closes it.
+    NoGap,
+    /// Entries of the registry (or a wrong number) explain it.
+    Explained,
+    /// There is one and no entry explains it.
+    Unknown,
+}
+
+/// An entry and its probability.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Ranked {
+    /// Entry, `parameter_error`, `no_gap` or `unknown`.
+    pub effect: String,
+    /// 0 to 1.
+    pub probability: f64,
+}
+
+/// Entries that these logs can't tell apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Class {
+    /// Identifiers.
+    pub members: Vec<String>,
+    /// Why.
+    pub reason: String,
+}
+
+/// The explanation that is named; none for `no_gap` and `unknown`.
+///
+/// Explanations that these logs can't tell apart count together: the truth doesn't become less probable by having a twin.
+pub(super) fn named<'c>(bench: &Bench<'_>, course: &'c Course) -> (Verdict, Option<&'c Explanation>) {
+    let otherwise = if course.no_gap > course.unknown { Verdict::NoGap } else { Verdict::Unknown };
+    let Some(top) = course.explanations.first() else { return (otherwise, None) };
+    let classes = classes(bench, course, top);
+    let twins = course.explanations.iter().skip(1).filter(|other| {
+        differing(&top.judged.ids, &other.judged.ids)
+            .is_some_and(|[a, b]| classes.iter().any(|c| [a, b].iter().all(|id| c.members.iter().any(|m| m == id))))
+    });
+    let together = top.probability + twins.map(|twin| twin.probability).sum::<f64>();
+    if together > course.unknown && together > course.no_gap {
+        (Verdict::Explained, Some(top))
+    } else {
+        (otherwise, None)
+    }
+}
+
+/// Probabilities of all entries, most probable first. An explanation of several members gives each its share.
+pub(super) fn ranking(
+    course: &Course,
+    named: Option<&Explanation>,
+    shares: &[ShareOf],
+    beyond_stated: Option<&Random>,
+) -> Vec<Ranked> {
+    let ids = REGISTRY.iter().map(|effect| effect.id()).chain(["parameter_error", "no_gap", "unknown"]);
+    let mut ranking: Vec<Ranked> = ids.map(|id| Ranked { effect: id.to_owned(), probability: 0.0 }).collect();
+    let mut add = |id: &str, probability: f64| {
+        if let Some(ranked) = ranking.iter_mut().find(|ranked| ranked.effect == id) {
+            ranked.probability += probability;
+        }
+    };
+    let share = |id: &str| shares.iter().find(|share| share.effect == id).map_or(0.0, |share| share.percent);
+    for explanation in &course.explanations {
+        let mut members: Vec<&str> = explanation.judged.ids.clone();
+        members.extend(beyond_stated.map(|random| random.effect.id()));
+        members.dedup();
+        let is_named = named.is_some_and(|named| std::ptr::eq(named, explanation));
+        let sum: f64 = members.iter().map(|id| share(id)).sum();
+        let count = members.len() as f64;
+        let least = LEAST_SHARE.min(1.0 / count);
+        for id in &members {
+            let own = if is_named && sum > 0.0 { share(id) / sum } else { 1.0 / count };
+            add(id, explanation.probability * (least + (1.0 - count * least) * own));
+        }
+    }
+    match beyond_stated {
+        Some(random) => {
+            add(random.effect.id(), CONFIDENCE * course.no_gap);
+            add("no_gap", (1.0 - CONFIDENCE) * course.no_gap);
+        }
+        None => add("no_gap", course.no_gap),
+    }
+    add("unknown", course.unknown);
+    let sum: f64 = ranking.iter().map(|ranked| ranked.probability).sum();
+    ranking.iter_mut().for_each(|ranked| ranked.probability /= sum);
+    ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    ranking
+}
+
+/// The smallest set that holds 90 % of the probability.
+pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
+    let mut sum = 0.0;
+    let mut set = Vec::new();
+    for ranked in ranking {
+        if sum >= 0.9 {
+            break;
+        }
+        sum += ranked.probability;
+        set.push(ranked.effect.clone());
+    }
+    set
+}
+
+/// Entries that these logs can't tell from a member of `top`.
+pub(super) fn classes(bench: &Bench<'_>, course: &Course, top: &Explanation) -> Vec<Class> {
+    let mut classes = Vec::new();
+    if let Some(best) = &top.freed {
+        let rivals = freed(bench, &top.candidate.hypothesis, &top.candidate.found);
+        let mut members = vec![best.effect];
+        let mut most = 0f64;
+        for rival in rivals.iter().filter(|rival| rival.cost - best.cost < SAME_COST) {
+            if !members.contains(&rival.effect) {
+                members.push(rival.effect);
+                most = most.max(rival.cost - best.cost);
+            }
+        }
+        if members.len() > 1 {
+            classes.push(Class {
+                members: members.into_iter().map(str::to_owned).collect(),
+                reason: format!(
+                    "each of them leaves the displacement as it is once the other numbers follow (an exact symmetry of the plant), \
+                     so that only the stated uncertainties decide, and these differ by a chi-square of {most:.1} at most."
+                ),
+            });
+        }
+    }
+    let mut members: Vec<&str> = Vec::new();
+    let mut reasons = Vec::new();
+    for other in &course.explanations {
+        let Some([own, theirs]) = differing(&top.judged.ids, &other.judged.ids) else { continue };
+        if BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
+            continue;
+        }
+        let (left, their_left) = (top.judged.left, other.judged.left);
+        let floor = top.judged.floor.max(other.judged.floor);
+        let close = (left - their_left).abs() < floor && left.max(their_left) < GOOD;
+        let even = top.probability < SAME_PROBABILITY * other.probability && left.max(their_left) < GOOD;
+        if close || even {
+            for id in [own, theirs] {
+                if !members.contains(&id) {
+                    members.push(id);
+                }
+            }
+            reasons.push(format!(
+                "{own} leaves {:.1} % of the gap and {theirs} {:.1} %, while these logs resolve {:.1} %",
+                100.0 * left,
+                100.0 * their_left,
+                100.0 * floor
+            ));
+        }
+    }
+    if members.len() > 1 {
+        let members = members.into_iter().map(str::to_owned).collect();
+        classes.push(Class { members, reason: format!("{}.", reasons.join("; ")) });
+    }
+    classes
+}
+
+/// The members in which two explanations of equal length differ, if that is one each.
+pub(super) fn differing<'i>(a: &[&'i str], b: &[&'i str]) -> Option<[&'i str; 2]> {
+    let only = |a: &[&'i str], b: &[&'i str]| a.iter().copied().filter(|id| !b.contains(id)).collect::<Vec<_>>();
+    let (own, theirs) = (only(a, b), only(b, a));
+    (a.len() == b.len() && own.len() == 1 && theirs.len() == 1).then(|| [own[0], theirs[0]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_set_is_the_smallest() {
+        let ranked = |effect: &str, probability| Ranked { effect: effect.to_owned(), probability };
+        assert_eq!(set90(&[ranked("a", 0.95), ranked("b", 0.05)]), ["a"]);
+        assert_eq!(set90(&[ranked("a", 0.6), ranked("b", 0.3), ranked("c", 0.1)]), ["a", "b"]);
+    }
+
+    #[test]
+    fn explanations_are_rivals_where_they_differ_in_one_member() {
+        assert_eq!(differing(&["creep"], &["sensor_drift"]), Some(["creep", "sensor_drift"]));
+        assert_eq!(differing(&["creep", "backlash"], &["end_stop", "creep"]), Some(["backlash", "end_stop"]));
+        assert_eq!(differing(&["creep"], &["creep"]), None);
+        assert_eq!(differing(&["creep"], &["creep", "backlash"]), None);
+    }
+}

@@ -1,0 +1,142 @@
+//! `hysteron diagnose`: where plant and logs differ, which effect makes the difference, how far it shrinks.
+
+use crate::arguments::DiagnoseCall;
+use crate::failure::Failure;
+use crate::output;
+use gap_diagnosis::diagnose::{self, Diagnosis, Options};
+use gap_diagnosis::locate::strongest;
+use plant_sim::model::Model;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What is written into the directory.
+pub const FILES: [&str; 3] = ["diagnosis.json", "augmented.toml", "report.html"];
+/// Entries that the terminal ranks, and the least probability that is worth a line.
+const RANKED: usize = 5;
+const LEAST: f64 = 0.01;
+/// Steps of the progress bar.
+const STEPS: u64 = 1000;
+
+pub fn diagnose(call: &DiagnoseCall) -> Result<(), Failure> {
+    run(call).map(|_| ())
+}
+
+/// Diagnoses, writes and prints; the demonstration looks at what was found.
+pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
+    check_directory(call)?;
+    let plant = Model::read(&call.plant)?;
+    let logs = super::logs::read(&call.logs, &call.read)?;
+    let held_out = super::logs::read(&call.held_out, &call.read)?;
+    let options = Options {
+        initial: call.start.initial,
+        run_in_s: call.start.run_in,
+        seed: call.seed,
+        without: call.without.clone(),
+    };
+    let bar = output::bar(STEPS, "");
+    let mut found = diagnose::diagnose(&plant, &logs, &held_out, &options, &|what, share| {
+        bar.set_message(what.to_owned());
+        bar.set_position((share * STEPS as f64) as u64);
+    })?;
+    bar.finish_and_clear();
+    found.warnings.splice(0..0, plant.warnings());
+    let unsaid = |e: serde_json::Error| Failure::call(format!("diagnosis.json: {e}"));
+    write(call, &found, &serde_json::to_string_pretty(&found).map_err(unsaid)?)?;
+    output::warn(&found.warnings);
+    if call.json {
+        output::line(&serde_json::to_string(&found).map_err(unsaid)?);
+    } else {
+        print(call, &found);
+    }
+    Ok(found)
+}
+
+/// Refuses a place that can't take the files, before any work is done.
+fn check_directory(call: &DiagnoseCall) -> Result<(), Failure> {
+    let out = &call.out;
+    let refuse = |what: &str| Err(Failure::call(format!("{}: {what} with --out", out.display())));
+    if out.exists() && !out.is_dir() {
+        return refuse("is not a directory; name one");
+    }
+    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !out.exists() && !parent.is_dir() {
+        return refuse(&format!("the directory {} is not there; make it or name another", parent.display()));
+    }
+    if out.metadata().is_ok_and(|found| found.permissions().readonly()) {
+        return refuse("may not be written into; make it writable or name another");
+    }
+    let inputs = [&call.plant].into_iter().chain(&call.logs).chain(&call.held_out);
+    let read: Vec<PathBuf> = inputs.filter_map(|path| path.canonicalize().ok()).collect();
+    for name in FILES {
+        let path = out.join(name);
+        if path.canonicalize().is_ok_and(|path| read.contains(&path)) {
+            return Err(Failure::call(format!(
+                "{}: is read by this call and would be overwritten; name another directory with --out",
+                path.display()
+            )));
+        }
+        if path.is_dir() {
+            return Err(Failure::call(format!("{}: is a directory; name another with --out", path.display())));
+        }
+    }
+    Ok(())
+}
+
+/// Writes all files beside their places and then puts them there, so that a failure leaves what was.
+fn write(call: &DiagnoseCall, found: &Diagnosis, json: &str) -> Result<(), Failure> {
+    let unwritable = |path: &Path, error: std::io::Error| Failure::unwritable(path, &error);
+    fs::create_dir_all(&call.out).map_err(|e| unwritable(&call.out, e))?;
+    let part = call.out.join(format!(".{}.part", std::process::id()));
+    let written = fs::create_dir(&part).map_err(|e| unwritable(&part, e)).and_then(|()| {
+        let [json_path, model_path, page_path] = FILES.map(|name| part.join(name));
+        fs::write(&json_path, format!("{json}\n")).map_err(|e| unwritable(&json_path, e))?;
+        found.augmented.write(&model_path)?;
+        page(call, found).save(&page_path).map_err(|e| unwritable(&page_path, e))?;
+        for name in FILES {
+            let path = call.out.join(name);
+            fs::rename(part.join(name), &path).map_err(|e| unwritable(&path, e))?;
+        }
+        Ok(())
+    });
+    let _ = fs::remove_dir_all(&part);
+    written
+}
+
+fn page(call: &DiagnoseCall, found: &Diagnosis) -> gap_diagnosis::page::Page {
+    let count = |n: usize| if n == 1 { "1 log".to_owned() } else { format!("{n} logs") };
+    let held_out = match call.held_out.len() {
+        0 => String::new(),
+        n => format!(", {} held out", count(n)),
+    };
+    let subtitle = format!("{}, {}{held_out}", output::file_name(&call.plant), count(call.logs.len()));
+    found.page("Diagnosis", &subtitle, &output::provenance(Some(call.seed)))
+}
+
+fn print(call: &DiagnoseCall, found: &Diagnosis) {
+    output::line(&found.sentence());
+    output::line(&format!("where: {}", strongest(&found.location)));
+    for ranked in found.ranking.iter().take(RANKED).filter(|ranked| ranked.probability >= LEAST) {
+        output::line(&format!("  {:28} {:5.1} %", ranked.effect, 100.0 * ranked.probability));
+    }
+    for estimate in &found.parameters {
+        let name = format!("{}.{}", estimate.effect, estimate.name);
+        output::line(&format!("  {name:44} {:>11.4e} +- {:.1e} {}", estimate.value, estimate.sigma, estimate.unit));
+    }
+    for changed in &found.changed {
+        output::line(&format!(
+            "  {:44} {:>11.4e}, stated {:.4e} +- {:.1e}",
+            changed.name, changed.refit, changed.nominal, changed.sigma
+        ));
+    }
+    match &found.next_experiment {
+        Some(next) => {
+            output::line(&format!("next: {} at {} Hz splits {}", next.spec, next.rate_hz, next.splits.join(", ")))
+        }
+        None => {
+            if let Some(reason) = found.no_experiment_reason.as_ref().filter(|_| !found.classes.is_empty()) {
+                output::line(&format!("next: {reason}"));
+            }
+        }
+    }
+    output::line(&format!("files: {}", FILES.map(|name| call.out.join(name).display().to_string()).join(", ")));
+}
