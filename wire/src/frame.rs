@@ -193,6 +193,24 @@ fn parse(encoded: &mut [u8]) -> Result<Frame<'_>, WireError> {
     Ok(Frame { sequence: u16::from_le_bytes([*low, *high]), body })
 }
 
+/// The CRC of a frame, for records that are kept and not sent.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
+/// Writes a value as messages are written, without a frame; `None` where it does not fit.
+pub fn to_bytes<T: Serialize>(value: &T, bytes: &mut [u8]) -> Option<usize> {
+    postcard::to_slice(value, bytes).ok().map(|written| written.len())
+}
+
+/// Reads a value that [`to_bytes`] wrote; `None` if it is none, or if bytes are left over.
+pub fn from_bytes<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((value, [])) => Some(value),
+        _ => None,
+    }
+}
+
 /// Counts the frames that never came, from the gaps in their numbers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Missed {
