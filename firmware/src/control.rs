@@ -1,6 +1,6 @@
 //! The control interrupt: one sample of the board.
 //!
-//! Deadline: from the ADC's trigger to [`crate::Board::put`] 1700 cycles, at the end of which the timer latches the DAC. A drive
+//! Deadline: 1700 cycles (10 us) from the instant at which the ADC holds its input to the timer latching the DAC. A drive
 //! that comes later is an overrun: the DAC holds the old one, the sample is counted and marked, and too many of them are a
 //! fault. Code and data lie in CCM SRAM, which has no wait states. Nothing here waits, allocates, logs, divides 64-bit numbers or panics.
 
@@ -105,7 +105,7 @@ impl Control {
         let code = self.set.calibration.dac_code(output.drive_v);
         B::put(if is_analog { code.0 } else { self.set.calibration.safe_code().0 });
         let ready_cycles = registers::count();
-        let is_late = ready_cycles >= B::CONVERTERS.latch_cycles;
+        let is_late = ready_cycles >= B::CONVERTERS.deadline_cycles();
         if is_due {
             self.latched_v = output.drive_v;
         }

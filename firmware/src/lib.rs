@@ -1,7 +1,7 @@
 //! The flash image: what stands between the control law (`control-core`) and the pins of an STM32G474.
 //!
-//! Time: TIM8 starts the ADC at count 0; the control interrupt turns the code into a drive and hands it to the DAC; 1700
-//! counts (10 us at 170 MHz) after the ADC's start the same timer latches the DAC in hardware. Nothing masks the control
+//! Time: TIM8 starts the ADC at count 0, which tracks its pin for 190 counts and holds it then; the control interrupt turns the code into a
+//! drive and hands it to the DAC; 1700 counts (10 us at 170 MHz) after the hold the same timer latches the DAC in hardware. Nothing masks the control
 //! interrupt ([`masks`]), and it shares only lock-free queues and atomics with the rest ([`shared`]).
 //!
 //! | file | what |

@@ -15,7 +15,7 @@ use core::sync::atomic::{AtomicU8, Ordering, compiler_fence};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk,
+    AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, Uart};
@@ -54,6 +54,10 @@ fn set_mark(mark: [u32; 2]) {
 fn clocks(is_crystal: bool) -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     let rcc = &mut config.rcc;
+    // Only USB would need it.
+    rcc.hsi48 = None;
+    // No real-time clock; the watchdog's oscillator starts by itself.
+    rcc.ls = LsConfig::off();
     if is_crystal {
         rcc.hse = Some(Hse { freq: Hertz(24_000_000), mode: HseMode::Oscillator });
         rcc.hsi = false;
@@ -98,7 +102,7 @@ pub fn run<B: Board>(spawner: Spawner) {
     control::begin(link::first_set(checked), fault);
     let facts = Facts { board: B::NAME, converters: B::CONVERTERS, reset };
     start_link(spawner, peripherals, facts, parameters);
-    registers::begin_timer(period_cycles, B::CONVERTERS.latch_cycles);
+    registers::begin_timer(period_cycles, B::CONVERTERS.deadline_cycles());
     // What the interrupt works on is in memory before it can come.
     compiler_fence(Ordering::SeqCst);
     registers::begin_interrupts();

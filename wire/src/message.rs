@@ -289,7 +289,8 @@ impl Identity<'_> {
         if self.version != VERSION {
             return Err(Mismatch::Version { theirs: self.version });
         }
-        if self.converters.latch_cycles >= self.converters.period_min_cycles {
+        let deadline = self.converters.hold_cycles.saturating_add(self.converters.latch_cycles);
+        if deadline >= self.converters.period_min_cycles {
             return Err(Mismatch::Timing);
         }
         Ok(())

@@ -63,11 +63,13 @@ pub struct Converters {
     pub dac_margin_v: f32,
     /// Clock of the sampling timer.
     pub timer_hz: u32,
-    /// Fewest cycles of that clock between two samples.
+    /// Fewest cycles of that clock between two samples; the latch lies before them.
     pub period_min_cycles: u32,
     /// Most cycles of that clock between two samples.
     pub period_max_cycles: u32,
-    /// Cycles from the ADC's trigger to the DAC's latch.
+    /// Cycles from the ADC's trigger until it holds its input: the sampling instant.
+    pub hold_cycles: u32,
+    /// Cycles from the sampling instant to the DAC's latch.
     pub latch_cycles: u32,
 }
 
@@ -169,6 +171,13 @@ pub struct Checked {
     pub link_timeout_samples: u32,
     /// 1 over [`crate::Identity::reference_step_m`].
     pub reference_steps_per_m: f32,
+}
+
+impl Converters {
+    /// Cycles from the ADC's trigger to the DAC's latch: the deadline of a sample.
+    pub const fn deadline_cycles(&self) -> u32 {
+        self.hold_cycles + self.latch_cycles
+    }
 }
 
 impl Parameters {

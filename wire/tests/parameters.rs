@@ -14,6 +14,7 @@ const NUCLEO: Converters = Converters {
     timer_hz: 170_000_000,
     period_min_cycles: 3400,
     period_max_cycles: 65_536,
+    hold_cycles: 190,
     latch_cycles: 1700,
 };
 

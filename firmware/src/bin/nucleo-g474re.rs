@@ -26,6 +26,8 @@ impl Board for Nucleo {
         // 50 kHz leaves the rest of the program half of the time; 2594 Hz is where the 16-bit timer ends.
         period_min_cycles: 3400,
         period_max_cycles: 65_536,
+        // The ADC tracks its pin for 47.5 of its clocks, four cycles each, and holds it then.
+        hold_cycles: 190,
         // 10 us.
         latch_cycles: 1700,
     };
