@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = BenchSettings { chain, start, calibration, seed: 1, anti_alias_hz: None };
     let mut machine = Machine::new(&image, Chip::new(Bench::new(&settings, 1700)));
     let started = std::time::Instant::now();
-    machine.run(170_000_000, |chip| chip.samples >= 2000)?;
+    machine.run(170_000_000, |chip| chip.samples >= 10000)?;
     let cost = machine.cost();
     println!("{} cycles, {} instructions, {:?}", machine.now(), machine.instructions(), started.elapsed());
     println!("control interrupt: {cost:?}");
