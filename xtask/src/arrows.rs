@@ -17,7 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("wire", &["control-core"]),
     ("firmware", &["control-core", "wire"]),
     ("plant-sim", &["control-core"]),
-    // Codes and volts are control-core's conversion; wire only in tests, which speak to the image as a host does.
+    // Codes and volts are control-core's conversion; wire: the image is spoken to as by any host.
     ("virtual-board", &["plant-sim", "control-core", "wire"]),
     ("gap-diagnosis", &["plant-sim"]),
     ("hil-bridge", &["wire", "control-core", "plant-sim", "virtual-board"]),

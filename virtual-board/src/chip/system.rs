@@ -160,7 +160,11 @@ pub enum Clocked {
 
 /// Power control: range 1 with boost is all that is asked of it.
 pub fn pwr() -> Bank {
-    let registers = [(0x00, Kept::new("PWR_CR1", 0x200, 0x100)), (0x08, Kept::new("PWR_CR3", 0x8000, 0x4000)), (0x80, Kept::new("PWR_CR5", 0x100, 0x100))];
+    let registers = [
+        (0x00, Kept::new("PWR_CR1", 0x200, 0x100)),
+        (0x08, Kept::new("PWR_CR3", 0x8000, 0x4000)),
+        (0x80, Kept::new("PWR_CR5", 0x100, 0x100)),
+    ];
     Bank::new("PWR", &registers)
 }
 
