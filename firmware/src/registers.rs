@@ -313,15 +313,28 @@ pub mod flash {
     pub fn erase_second_bank_page(page: u8) -> bool {
         unlock();
         let _ = wait();
-        pac::FLASH.cr().write(|w| {
+        // Modified and not written: OPTLOCK, which guards the option bytes, stays as it is.
+        pac::FLASH.cr().modify(|w| {
+            w.set_pg(false);
             w.set_per(true);
             w.set_bker(true);
             w.set_pnb(page);
         });
         pac::FLASH.cr().modify(|w| w.set_strt(true));
         let is_done = wait();
-        pac::FLASH.cr().write(|w| w.set_lock(true));
+        close();
         is_done
+    }
+
+    /// Neither erase nor program until the next keys.
+    fn close() {
+        pac::FLASH.cr().modify(|w| {
+            w.set_per(false);
+            w.set_bker(false);
+            w.set_pnb(0);
+            w.set_pg(false);
+            w.set_lock(true);
+        });
     }
 
     /// Writes one double word.
@@ -332,7 +345,7 @@ pub mod flash {
     pub unsafe fn program(address: u32, low: u32, high: u32) -> bool {
         unlock();
         let _ = wait();
-        pac::FLASH.cr().write(|w| w.set_pg(true));
+        pac::FLASH.cr().modify(|w| w.set_pg(true));
         // SAFETY: the caller's promise; the flash takes the two words as one.
         unsafe {
             (address as *mut u32).write_volatile(low);
@@ -340,7 +353,7 @@ pub mod flash {
             ((address + 4) as *mut u32).write_volatile(high);
         }
         let is_done = wait();
-        pac::FLASH.cr().write(|w| w.set_lock(true));
+        close();
         is_done
     }
 

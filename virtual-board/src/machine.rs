@@ -200,12 +200,8 @@ impl Machine {
             }
         }
         let space = Arc::new(space);
-        let mut config = Config::CORTEX_M4F;
-        config.priority_bits = 4;
-        let core = ArmV7m::new(config);
-        core.attach_space(space.clone());
         Machine {
-            core,
+            core: new_core(&space),
             space,
             shared,
             instructions: 0,
@@ -246,9 +242,9 @@ impl Machine {
         self.space.read(u64::from(address), Width::U32, MemAttrs::DEBUG).ok().map(|word| word as u32)
     }
 
-    /// Puts a word into memory, as a debugger would.
-    pub fn set_word(&self, address: u32, word: u32) -> bool {
-        self.space.write(u64::from(address), Width::U32, u64::from(word), MemAttrs::DEBUG).is_ok()
+    /// Disables the control interrupt, as a program gone astray might: NVIC_ICER0, ADC1_2.
+    pub fn hang(&self) {
+        self.core.with_sys(|system| system.write_word(0xe000_e180, 1 << (CONTROL - 16)));
     }
 
     /// Runs until `done` says so (it is asked whenever something happened on the chip) or `limit` is reached: false then.
@@ -275,7 +271,10 @@ impl Machine {
                 }
                 if let Some(why) = chip.take_reset() {
                     chip.reset(why);
-                    self.core.request_reset();
+                    // A new core: rsemu's own reset leaves NVIC's enables and a lazy floating-point frame as they were, which a
+                    // reset of the chip does not.
+                    self.core = new_core(&self.space);
+                    self.exception = 0;
                     self.under_way = None;
                 }
                 let is_inside = self.core.xpsr() & IT != 0;
@@ -367,6 +366,15 @@ impl Machine {
     pub fn lowest_stack(&self) -> u32 {
         self.lowest_stack
     }
+}
+
+/// A core at reset, in front of `space`.
+fn new_core(space: &Arc<AddressSpace>) -> ArmV7m {
+    let mut config = Config::CORTEX_M4F;
+    config.priority_bits = 4;
+    let core = ArmV7m::new(config);
+    core.attach_space(space.clone());
+    core
 }
 
 /// The chip is carried on to the cycle that the sleep ended at.
