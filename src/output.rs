@@ -95,7 +95,7 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
         return Ok(());
     };
     let (show, out) = command.outputs();
-    let page = page_path(show, out);
+    let page = show.and_then(|show| page_path(show, out));
     check_place(out, "--out", command.inputs())?;
     if let Some(page) = &page {
         if is_special(page) {

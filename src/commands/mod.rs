@@ -1,11 +1,12 @@
 //! One file per command.
 
+mod board;
 mod demo;
 mod identify;
 mod replay;
 mod simulate;
 
-use crate::arguments::{Arguments, Command};
+use crate::arguments::{Arguments, BoardCommand, Command};
 use crate::failure::Failure;
 
 /// Does what was asked for; without a command, shows what could be.
@@ -15,5 +16,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Simulate(call)) => simulate::simulate(call),
         Some(Command::Replay(call)) => replay::replay(call),
         Some(Command::Identify(call)) => identify::identify(call),
+        Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
     }
 }

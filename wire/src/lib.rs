@@ -60,7 +60,8 @@ mod parameters;
 mod sample;
 
 pub use frame::{
-    Frame, MAX_ENCODED_BYTES, MAX_MESSAGE_BYTES, Missed, Receiver, Sender, VERSION, WireError, crc32, from_bytes, to_bytes,
+    Frame, MAX_ENCODED_BYTES, MAX_MESSAGE_BYTES, Missed, Receiver, Sender, VERSION, WireError, crc32, from_bytes,
+    to_bytes,
 };
 pub use message::{
     Identity, InputSource, Mismatch, ResetCause, SegmentRecord, Status, StreamReason, ToBoard, ToHost, Trigger, Wave,

@@ -174,6 +174,25 @@ pub struct Checked {
 }
 
 impl Converters {
+    /// The Nucleo-G474RE with the chip's own converters.
+    pub const NUCLEO_G474RE: Converters = Converters {
+        adc_bits: CalibrationSettings::NUCLEO_G474RE.adc_bits,
+        adc_full_scale_v: CalibrationSettings::NUCLEO_G474RE.adc_full_scale_v,
+        monitor_bits: CalibrationSettings::NUCLEO_G474RE.adc_bits,
+        monitor_full_scale_v: CalibrationSettings::NUCLEO_G474RE.adc_full_scale_v,
+        dac_bits: CalibrationSettings::NUCLEO_G474RE.dac_bits,
+        dac_full_scale_v: CalibrationSettings::NUCLEO_G474RE.dac_full_scale_v,
+        dac_margin_v: CalibrationSettings::NUCLEO_G474RE.dac_margin_v,
+        timer_hz: 170_000_000,
+        // 50 kHz leaves the rest of the program half of the time; 2594 Hz is where the 16-bit timer ends.
+        period_min_cycles: 3400,
+        period_max_cycles: 65_536,
+        // The ADC tracks its pin for 47.5 of its clocks, four cycles each, and holds it then.
+        hold_cycles: 190,
+        // 10 us.
+        latch_cycles: 1700,
+    };
+
     /// Cycles from the ADC's trigger to the DAC's latch: the deadline of a sample.
     pub const fn deadline_cycles(&self) -> u32 {
         self.hold_cycles + self.latch_cycles

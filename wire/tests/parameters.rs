@@ -3,20 +3,7 @@
 use control_core::SettingsError;
 use wire::{Converters, ParameterError, Parameters};
 
-const NUCLEO: Converters = Converters {
-    adc_bits: 12,
-    adc_full_scale_v: 3.3,
-    monitor_bits: 12,
-    monitor_full_scale_v: 3.3,
-    dac_bits: 12,
-    dac_full_scale_v: 3.3,
-    dac_margin_v: 0.2,
-    timer_hz: 170_000_000,
-    period_min_cycles: 3400,
-    period_max_cycles: 65_536,
-    hold_cycles: 190,
-    latch_cycles: 1700,
-};
+const NUCLEO: Converters = Converters::NUCLEO_G474RE;
 
 fn good() -> Parameters {
     Parameters::NUCLEO_PI1
