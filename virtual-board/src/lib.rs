@@ -1,6 +1,6 @@
 //! The virtual board: the very flash image on an emulated STM32G474, its pins joined to the simulated plant.
 //!
-//! [`image`] reads the ELF, [`machine`] runs rsemu's core with the strict register models of [`chip`], [`bench`] is amplifier, plant
+//! [`image`] reads the ELF, [`machine`] runs rsemu's core with the strict register models of [`chip`], [`mod@bench`] is amplifier, plant
 //! and sensor, [`host`] speaks to the image over its line, [`run`] is one
 //! experiment from handshake to report. What the models don't know is an error that names it: the image never runs on guesses.
 //!

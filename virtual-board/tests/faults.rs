@@ -1,5 +1,6 @@
 //! Faults, each injected, each ending in its safe state: fault code latched, drive at mid-code by the ramp, ENABLE still, and nothing
 //! moves again before clear_fault.
+#![allow(clippy::unwrap_used, reason = "a test may unwrap, as clippy.toml says, and so may what tests share")]
 
 mod support;
 

@@ -1,4 +1,5 @@
 //! The flash image on the virtual board: its instants, its law bit for bit, its cost, its closed loop, its link.
+#![allow(clippy::unwrap_used, reason = "a test may unwrap, as clippy.toml says, and so may what tests share")]
 
 mod support;
 

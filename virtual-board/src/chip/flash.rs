@@ -187,7 +187,7 @@ impl Flash {
         let at = (offset / 8) as usize;
         if self.torn[at] {
             // ECCD, bank and address of the double word.
-            self.eccr = 1 << 31 | 1 << 21 | offset / 8;
+            self.eccr = 1 << 31 | 1 << 21 | (offset / 8);
         }
         Ok((self.words[at][(offset / 4 % 2) as usize], self.torn[at]))
     }
