@@ -7,7 +7,7 @@ use control_core::{AdcCode, Command, Controller, FaultCode, Generator, Input, Mo
 use plant_sim::chain::{Held, Simulator};
 use plant_sim::experiment::{Program, Setup, closed_loop};
 use support::{PERIOD, bench, board, calibration};
-use virtual_board::{BoardError, Heard, Row, VirtualBoard};
+use virtual_board::{BoardError, Heard, MachineError, Row, VirtualBoard};
 use wire::{Flags, InputSource, Parameters, SegmentRecord, StreamReason, ToBoard, Trigger, Wave};
 
 /// Sends a waveform, arms and runs; returns the index of the first row of the running loop.
@@ -391,4 +391,48 @@ fn parameters_are_taken_as_a_set_or_refused_in_words() {
     board.run_samples(400).unwrap();
     assert_eq!(board.status().unwrap().fault, 0);
     assert_eq!(FaultCode::from_number(0), None);
+}
+
+/// Without the guard the image is interrupted inside of an IT block sooner or later, and the run says so; with it, never.
+/// A version of rsemu that stacks ITSTATE has to be shown not to corrupt the code then, before the guard may go.
+#[test]
+fn without_the_guard_an_interrupt_hits_an_it_block_and_is_found_out() {
+    let Some(mut board) = board() else { return };
+    start(&mut board, &[SINE], true);
+    board.ask(&ToBoard::StreamStart { every: 1 }).unwrap();
+    board.run_samples(3000).unwrap();
+    board.machine.drop_guard();
+    let mut found = None;
+    for _ in 0..50 {
+        if let Err(error) = board.run_samples(1000).and_then(|()| board.status()) {
+            found = Some(error);
+            break;
+        }
+    }
+    let found = found.expect("the guard is not needed any more?");
+    assert!(matches!(found, BoardError::Machine(MachineError::ItBlock { .. })), "{found}");
+}
+
+/// No call to a panic, to software floating point or to 64-bit division is left in what the control interrupt runs from.
+#[test]
+fn the_control_path_calls_nothing_outside_of_itself() {
+    let Some(image) = support::image("nucleo-g474re") else { return };
+    let (from, to) = (image.symbol("__sccmram").unwrap(), image.symbol("__eccmram").unwrap());
+    let source = image.symbol("__siccmram").unwrap();
+    assert!(from == 0x1000_0000 && to - from > 3000 && to - from < 12_000, "{from:#x} to {to:#x}");
+    // Anything called from CCM SRAM in flash goes over a veneer: MOVW, MOVT with an address in flash, BX.
+    let code = &image.flash[(source - 0x0800_0000) as usize..][..(to - from) as usize];
+    let halves: Vec<u32> = code.chunks_exact(2).map(|two| u32::from(u16::from_le_bytes([two[0], two[1]]))).collect();
+    let mut outside = Vec::new();
+    for five in halves.windows(5) {
+        let is_move = |first: u32, second: u32, top: u32| first & 0xfbf0 == top && second & 0x8f00 == 0x0c00;
+        if is_move(five[0], five[1], 0xf240) && is_move(five[2], five[3], 0xf2c0) && five[4] == 0x4760 {
+            let half = |first: u32, second: u32| {
+                (first & 15) << 12 | (first >> 10 & 1) << 11 | (second >> 12 & 7) << 8 | second & 0xff
+            };
+            outside.push(half(five[2], five[3]) << 16 | half(five[0], five[1]));
+        }
+    }
+    // The one there is belongs to `Calibration::adc_code`, which simulated sensors call and the interrupt does not.
+    assert!(outside.len() <= 1, "{outside:x?}");
 }
