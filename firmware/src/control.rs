@@ -105,7 +105,7 @@ impl Control {
         let code = self.set.calibration.dac_code(output.drive_v);
         B::put(if is_analog { code.0 } else { self.set.calibration.safe_code().0 });
         let ready_cycles = registers::count();
-        let is_late = ready_cycles >= B::CONVERTERS.deadline_cycles();
+        let is_late = ready_cycles >= B::CONVERTERS.deadline_cycles() - B::PUT_CYCLES;
         if is_due {
             self.latched_v = output.drive_v;
         }

@@ -17,6 +17,7 @@
 
 pub mod capture;
 pub mod control;
+pub mod external;
 pub mod link;
 pub mod masks;
 pub mod registers;
@@ -25,6 +26,7 @@ pub mod shared;
 pub mod start;
 pub mod store;
 
+use embassy_stm32::pac::Interrupt;
 use wire::{Converters, Parameters};
 
 /// One sample as the converters deliver it.
@@ -46,10 +48,18 @@ pub trait Board {
     const CONVERTERS: Converters;
     /// In force until a host or the flash says otherwise.
     const PARAMETERS: Parameters;
+    /// Cycles that a code needs from [`Board::put`] until the DAC can latch it.
+    const PUT_CYCLES: u32;
+    /// The control interrupt.
+    const INTERRUPT: Interrupt;
     /// Sets the converters up, the DAC at the safe level first; the timer does not run yet.
     fn begin();
+    /// Sets the timer up for them; it does not run yet.
+    fn begin_timer(period_cycles: u32);
     /// The sample that has just been converted.
     fn take() -> Reading;
     /// Hands the next drive to the DAC, to be latched by the timer.
     fn put(code: u16);
+    /// The last act of a program that has lost its way: the DAC at mid-code as soon as it can be.
+    fn make_safe();
 }

@@ -159,34 +159,54 @@ pub fn put_dac(code: u16) {
 
 /// ADC1 on PA0 (displacement) and ADC2 on PA1 (monitor), both started by the timer.
 pub fn begin_adcs() {
-    // 170 MHz / 4 = 42.5 MHz, below the 60 MHz that DS12288 allows; synchronous, so that a start is a fixed number of cycles away.
-    pac::ADC12_COMMON.ccr().write(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
-    for (adc, channel) in [(pac::ADC1, 1), (pac::ADC2, 2)] {
-        adc.cr().write(|w| w.set_deeppwd(false));
-        adc.cr().write(|w| w.set_advregen(true));
-        // DS12288: the regulator is up after 20 us.
-        cortex_m::asm::delay(20 * 170);
-        adc.cr().modify(|w| w.set_adcal(true));
-        while adc.cr().read().adcal() {}
-        // RM0440: four ADC clocks between the end of calibration and ADEN; 16 cycles here.
-        cortex_m::asm::delay(32);
-        adc.isr().write(|w| w.set_adrdy(true));
-        adc.cr().modify(|w| w.set_aden(true));
-        while !adc.isr().read().adrdy() {}
-        // 47.5 + 12.5 ADC clocks are 240 cycles, 1.41 us; sources up to 5 kOhm settle (DS12288, maximum R_AIN at 12 bits).
-        adc.smpr().write(|w| w.set_smp(channel, SampleTime::CYCLES47_5));
-        adc.sqr1().write(|w| w.set_sq(0, channel as u8));
-        adc.cfgr().write(|w| {
-            w.set_extsel(ADC_TRIGGER);
-            w.set_exten(Exten::RISING_EDGE);
-            w.set_ovrmod(Ovrmod::OVERWRITE);
-            // Injected conversions are not used; their queue is off after reset, too.
-            w.set_jqdis(true);
-        });
-    }
+    begin_adc_clock();
+    begin_adc(pac::ADC1, 1);
+    begin_adc(pac::ADC2, 2);
     pac::ADC1.ier().write(|w| w.set_eocie(true));
     pac::ADC1.cr().modify(|w| w.set_adstart(true));
     pac::ADC2.cr().modify(|w| w.set_adstart(true));
+}
+
+/// ADC2 alone on PA1, started by the timer: the monitor of a board whose displacement comes from elsewhere.
+pub fn begin_monitor() {
+    begin_adc_clock();
+    begin_adc(pac::ADC2, 2);
+    pac::ADC2.cr().modify(|w| w.set_adstart(true));
+}
+
+/// The last code of ADC2.
+#[inline(always)]
+pub fn take_monitor() -> u16 {
+    pac::ADC2.dr().read().0 as u16
+}
+
+fn begin_adc_clock() {
+    // 170 MHz / 4 = 42.5 MHz, below the 60 MHz that DS12288 allows; synchronous, so that a start is a fixed number of cycles away.
+    pac::ADC12_COMMON.ccr().write(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+}
+
+fn begin_adc(adc: pac::adc::Adc, channel: usize) {
+    adc.cr().write(|w| w.set_deeppwd(false));
+    adc.cr().write(|w| w.set_advregen(true));
+    // DS12288: the regulator is up after 20 us.
+    cortex_m::asm::delay(20 * 170);
+    adc.cr().modify(|w| w.set_adcal(true));
+    while adc.cr().read().adcal() {}
+    // RM0440: four ADC clocks between the end of calibration and ADEN; 16 cycles here.
+    cortex_m::asm::delay(32);
+    adc.isr().write(|w| w.set_adrdy(true));
+    adc.cr().modify(|w| w.set_aden(true));
+    while !adc.isr().read().adrdy() {}
+    // 47.5 + 12.5 ADC clocks are 240 cycles, 1.41 us; sources up to 5 kOhm settle (DS12288, maximum R_AIN at 12 bits).
+    adc.smpr().write(|w| w.set_smp(channel, SampleTime::CYCLES47_5));
+    adc.sqr1().write(|w| w.set_sq(0, channel as u8));
+    adc.cfgr().write(|w| {
+        w.set_extsel(ADC_TRIGGER);
+        w.set_exten(Exten::RISING_EDGE);
+        w.set_ovrmod(Ovrmod::OVERWRITE);
+        // Injected conversions are not used; their queue is off after reset, too.
+        w.set_jqdis(true);
+    });
 }
 
 /// Both codes, and whether ones before them were overwritten. Opens the timer's next period for [`count`].
@@ -243,7 +263,7 @@ pub fn count() -> u32 {
 }
 
 /// The control interrupt at priority 0, where nothing masks it, everything else below.
-pub fn begin_interrupts() {
+pub fn begin_interrupts(control: Interrupt) {
     // SAFETY: the peripherals are only borrowed for NVIC's priority bytes, before any of these interrupts is enabled.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     for interrupt in [Interrupt::USART2, Interrupt::DMA1_CHANNEL1, Interrupt::DMA1_CHANNEL2] {
@@ -253,12 +273,12 @@ pub fn begin_interrupts() {
     // SAFETY: as above.
     unsafe { core.NVIC.set_priority(Interrupt::CORDIC, 15 << 4) };
     // SAFETY: the handler of this one uses nothing that a critical section guards.
-    unsafe { core.NVIC.set_priority(Interrupt::ADC1_2, 0) };
-    NVIC::unpend(Interrupt::ADC1_2);
+    unsafe { core.NVIC.set_priority(control, 0) };
+    NVIC::unpend(control);
     // SAFETY: what the two handlers work on has been set up.
     unsafe {
         NVIC::unmask(Interrupt::CORDIC);
-        NVIC::unmask(Interrupt::ADC1_2);
+        NVIC::unmask(control);
     }
 }
 
@@ -268,11 +288,10 @@ pub fn pend_wake() {
     NVIC::pend(Interrupt::CORDIC);
 }
 
-/// The last thing a program that has lost its way does: DAC at mid-code at once, ENABLE low.
-pub fn make_safe(mid: u16) {
+/// The last act of a program that has lost its way: without its trigger the DAC takes mid-code at once.
+pub fn make_dac_safe(mid: u16) {
     pac::DAC1.cr().write(|w| w.set_en(0, true));
     pac::DAC1.dhr12r(0).write(|w| w.set_dhr(mid));
-    set_enable(false);
 }
 
 /// Writing and erasing the second flash bank.

@@ -11,7 +11,7 @@ use crate::store::{self, Found};
 use crate::{Board, registers};
 use control_core::FaultCode;
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicU8, Ordering, compiler_fence};
+use core::sync::atomic::{Ordering, compiler_fence};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::rcc::{
@@ -37,8 +37,15 @@ const MARK_UP: [u32; 2] = [0x6879_7374, !0x6879_7374];
 /// The crystal stopped; the program asked for a reset.
 const MARK_CLOCK: [u32; 2] = [0x6379_7374, !0x6379_7374];
 
-/// Mid-code of this board's DAC, for who has no time to ask: in the upper bits of the width.
-static DAC_BITS: AtomicU8 = AtomicU8::new(12);
+/// [`Board::make_safe`] of this board, for who has no time to ask; nothing before the converters are set up.
+static MAKE_SAFE: shared::Lent<fn()> = shared::Lent::new(|| ());
+
+fn make_safe() {
+    // SAFETY: written once, before any interrupt is enabled; a function pointer is one word.
+    let make_safe = unsafe { MAKE_SAFE.get().read_volatile() };
+    make_safe();
+    registers::set_enable(false);
+}
 
 fn mark() -> [u32; 2] {
     // SAFETY: any bits are two words, and only the start and the NMI's last act touch them.
@@ -88,9 +95,10 @@ pub fn run<B: Board>(spawner: Spawner) {
     if is_crystal {
         registers::watch_crystal();
     }
-    DAC_BITS.store(B::CONVERTERS.dac_bits, Ordering::Relaxed);
     registers::begin_pins();
     B::begin();
+    // SAFETY: no interrupt that reads it is enabled yet; the NMI finds one of two functions.
+    unsafe { MAKE_SAFE.get().write_volatile(B::make_safe) };
 
     let stored = store::load();
     let (parameters, checked, is_stored) = first_parameters::<B>(&stored);
@@ -102,10 +110,10 @@ pub fn run<B: Board>(spawner: Spawner) {
     control::begin(link::first_set(checked), fault);
     let facts = Facts { board: B::NAME, converters: B::CONVERTERS, reset };
     start_link(spawner, peripherals, facts, parameters);
-    registers::begin_timer(period_cycles, B::CONVERTERS.deadline_cycles());
+    B::begin_timer(period_cycles);
     // What the interrupt works on is in memory before it can come.
     compiler_fence(Ordering::SeqCst);
-    registers::begin_interrupts();
+    registers::begin_interrupts(B::INTERRUPT);
     registers::start_timer();
 }
 
@@ -182,7 +190,7 @@ async fn supervise() {
 
 /// Safe level at once, ENABLE low, then wait for the watchdog: the board comes back with its fault latched.
 fn stop_for_good() -> ! {
-    registers::make_safe(1 << (DAC_BITS.load(Ordering::Relaxed) - 1));
+    make_safe();
     loop {
         compiler_fence(Ordering::SeqCst);
     }
@@ -198,7 +206,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 #[unsafe(no_mangle)]
 extern "C" fn NonMaskableInt() {
     if registers::has_crystal_stopped() {
-        registers::make_safe(1 << (DAC_BITS.load(Ordering::Relaxed) - 1));
+        make_safe();
         set_mark(MARK_CLOCK);
         cortex_m::peripheral::SCB::sys_reset();
     }

@@ -82,6 +82,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         calibration: checked.calibration,
         seed: call.seed,
         anti_alias_hz: call.anti_alias,
+        has_external_converters: false,
     };
     let experiment = Experiment { bench, parameters, waveform, is_closed_loop, samples: samples as u64 };
     let bar = output::bar(experiment.samples, "running the image");

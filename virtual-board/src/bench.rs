@@ -4,7 +4,7 @@
 //! DAC's latch, 1700 cycles later. Anti-alias stage: one pole between the sensor and the pin; within a span the sensor's
 //! output is taken as a straight line, which at 10 us and a mode of 900 Hz is wrong by 4e-4 of its swing. Without a corner frequency there is none.
 
-use control_core::{Calibration, DacCode};
+use control_core::{Calibration, CalibrationSettings, DacCode};
 use plant_sim::chain::{Chain, Held, SensorState, Simulator};
 use plant_sim::replay::Start;
 use std::fmt;
@@ -39,11 +39,16 @@ pub struct BenchSettings {
     pub seed: u64,
     /// Corner of the anti-alias stage in Hz; none for no stage.
     pub anti_alias_hz: Option<f64>,
+    /// The board has converters of 16 bits on SPI.
+    pub has_external_converters: bool,
 }
 
 /// All of it, in motion.
 pub struct Bench {
     calibration: Calibration,
+    /// The monitor's levels are those of the chip's own converters on every board.
+    monitor: Calibration,
+    has_external_converters: bool,
     simulator: Simulator,
     sensor: SensorState,
     offset_m: f64,
@@ -100,6 +105,8 @@ impl Bench {
         });
         Bench {
             calibration: settings.calibration,
+            monitor: Calibration::try_build(&CalibrationSettings::NUCLEO_G474RE).unwrap_or(settings.calibration),
+            has_external_converters: settings.has_external_converters,
             simulator,
             sensor: SensorState::new(&settings.chain.sensor, settings.seed),
             offset_m: settings.chain.sensor.offset_m,
@@ -158,9 +165,19 @@ impl Bench {
         self.calibration.adc_code(f32::INFINITY).0.max(self.calibration.adc_code(f32::NEG_INFINITY).0)
     }
 
-    /// The amplifier's monitor: scaled back to the DAC's own span, so that its code is the DAC's while the amplifier is on.
+    /// Whether the board has converters on SPI.
+    pub fn has_external_converters(&self) -> bool {
+        self.has_external_converters
+    }
+
+    /// The DAC's code for 0 V.
+    pub fn mid_code(&self) -> u16 {
+        self.calibration.safe_code().0
+    }
+
+    /// The amplifier's monitor: scaled back to the span of the chip's DAC, so that with that one its code is the DAC's own.
     pub fn monitor(&self) -> u16 {
-        self.calibration.dac_code(self.drive_v as f32).0
+        self.monitor.dac_code(self.drive_v as f32).0
     }
 
     /// A rising edge of ENABLE.

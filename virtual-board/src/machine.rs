@@ -19,8 +19,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// ITSTATE's bits in xPSR.
 const IT: u32 = 0x0600_fc00;
-/// Exception number of the control interrupt, ADC1_2.
-const CONTROL: u16 = 16 + 18;
 const RAM: u32 = 0x2000_0000;
 const RAM_BYTES: u64 = 96 * 1024;
 const CCM: u32 = 0x1000_0000;
@@ -154,6 +152,8 @@ pub struct Machine {
     /// Lowest stack pointer seen in the control interrupt.
     lowest_stack: u32,
     is_guard_on: bool,
+    /// Exception number of the control interrupt.
+    control: u16,
 }
 
 impl fmt::Debug for Machine {
@@ -178,6 +178,7 @@ impl Memory for Ram<'_> {
 impl Machine {
     /// An image on a chip, at reset.
     pub fn new(image: &Image, chip: Chip) -> Machine {
+        let control = 16 + chip.control_irq();
         let shared =
             Arc::new(Shared { chip: Mutex::new(chip), now: AtomicU64::new(0), touched: AtomicBool::new(true) });
         let rom = Arc::new(RomStore::from_slice(&image.flash));
@@ -211,6 +212,7 @@ impl Machine {
             exception: 0,
             lowest_stack: u32::MAX,
             is_guard_on: true,
+            control,
         }
     }
 
@@ -249,9 +251,10 @@ impl Machine {
         self.is_guard_on = false;
     }
 
-    /// Disables the control interrupt, as a program gone astray might: NVIC_ICER0, ADC1_2.
+    /// Disables the control interrupt, as a program gone astray might: NVIC_ICER.
     pub fn hang(&self) {
-        self.core.with_sys(|system| system.write_word(0xe000_e180, 1 << (CONTROL - 16)));
+        let irq = u32::from(self.control - 16);
+        self.core.with_sys(|system| system.write_word(0xe000_e180 + irq / 32 * 4, 1 << (irq % 32)));
     }
 
     /// Runs until `done` says so (it is asked whenever something happened on the chip) or `limit` is reached: false then.
@@ -355,11 +358,11 @@ impl Machine {
                 return Err(MachineError::Nowhere { cycle: now, pc, address });
             }
         }
-        if exception == CONTROL {
+        if exception == self.control {
             if self.under_way.is_none() {
                 self.under_way = Some((self.instructions, self.core.cycles(), 0));
             }
-        } else if self.exception == CONTROL
+        } else if self.exception == self.control
             && let Some((instructions, cycles, from_flash)) = self.under_way.take()
         {
             self.cost.note(self.instructions - instructions, self.core.cycles() - cycles, from_flash);

@@ -193,6 +193,20 @@ impl Converters {
         latch_cycles: 1700,
     };
 
+    /// The same with external converters of 16 bits: an ADC of the ADS8860's kind, a DAC of the DAC8832's. The monitor stays on the chip.
+    pub const EXTERNAL_16BIT: Converters = Converters {
+        adc_bits: 16,
+        // Chosen: both on one 5 V reference.
+        adc_full_scale_v: 5.0,
+        dac_bits: 16,
+        dac_full_scale_v: 5.0,
+        // Chosen: 1 % at either end for the output amplifier.
+        dac_margin_v: 0.05,
+        // Such an ADC holds at the very edge that starts it.
+        hold_cycles: 0,
+        ..Converters::NUCLEO_G474RE
+    };
+
     /// Cycles from the ADC's trigger to the DAC's latch: the deadline of a sample.
     pub const fn deadline_cycles(&self) -> u32 {
         self.hold_cycles + self.latch_cycles
@@ -228,6 +242,16 @@ impl Parameters {
         rail_codes: 8,
         overrun_limit: 3,
         link_timeout_s: 0.25,
+    };
+
+    /// PI 1 on a board with [`Converters::EXTERNAL_16BIT`]: +-130 um over the ADC's 5 V, +-90 V within the DAC's usable +-2.45 V.
+    pub const EXTERNAL_PI1: Parameters = Parameters {
+        adc_zero_v: 2.5,
+        sensor_m_per_v: 260e-6 / 5.0,
+        amplifier_v_per_v: 90.0 / 2.45,
+        // 8 of 4096 codes are 128 of 65536.
+        rail_codes: 128,
+        ..Parameters::NUCLEO_PI1
     };
 
     /// The law's part of them.

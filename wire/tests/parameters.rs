@@ -21,6 +21,16 @@ fn the_defaults_of_the_board_are_sound() {
 }
 
 #[test]
+fn the_defaults_of_the_external_board_are_sound_and_sixteen_times_finer() {
+    let external = Parameters::EXTERNAL_PI1.check(&Converters::EXTERNAL_16BIT).unwrap();
+    let nucleo = good().check(&NUCLEO).unwrap();
+    let ratio = nucleo.calibration.displacement_m_per_code() / external.calibration.displacement_m_per_code();
+    assert!((ratio - 16.0).abs() < 1e-3, "{ratio}");
+    // A set for one board is none for the other.
+    assert_eq!(good().check(&Converters::EXTERNAL_16BIT), Err(ParameterError::TripBeyondSensor));
+}
+
+#[test]
 fn each_wrong_field_is_named() {
     type Case = (Parameters, ParameterError);
     let cases: [Case; 10] = [

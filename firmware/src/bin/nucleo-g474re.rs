@@ -4,6 +4,7 @@
 #![no_main]
 
 use embassy_executor::Spawner;
+use embassy_stm32::pac::Interrupt;
 use firmware::{Board, Reading, control, registers, start};
 use wire::{Converters, Parameters};
 
@@ -14,9 +15,21 @@ impl Board for Nucleo {
     const CONVERTERS: Converters = Converters::NUCLEO_G474RE;
     const PARAMETERS: Parameters = Parameters::NUCLEO_PI1;
 
+    // The DAC takes what stands in its register when the trigger comes.
+    const PUT_CYCLES: u32 = 0;
+    const INTERRUPT: Interrupt = Interrupt::ADC1_2;
+
     fn begin() {
         registers::begin_dac(1 << (Self::CONVERTERS.dac_bits - 1));
         registers::begin_adcs();
+    }
+
+    fn begin_timer(period_cycles: u32) {
+        registers::begin_timer(period_cycles, Self::CONVERTERS.deadline_cycles());
+    }
+
+    fn make_safe() {
+        registers::make_dac_safe(1 << (Self::CONVERTERS.dac_bits - 1));
     }
 
     #[inline(always)]

@@ -18,9 +18,17 @@ pub struct Tim8 {
     /// Reload value in force; the register holds the one for the next period.
     reload: u32,
     sr: u32,
-    is_compare_done: bool,
+    /// Pulses of the present period that have come.
+    done: usize,
 }
 
+const DIER: u32 = 0x0c;
+const CCMR2: u32 = 0x1c;
+const CCER: u32 = 0x20;
+const CCR2: u32 = 0x38;
+const CCR3: u32 = 0x3c;
+const CCR4: u32 = 0x40;
+const BDTR: u32 = 0x44;
 const CR1: u32 = 0x00;
 const CR2: u32 = 0x04;
 const TIM_SR: u32 = 0x10;
@@ -35,8 +43,10 @@ const CCR1: u32 = 0x34;
 pub enum Pulse {
     /// TRGO2, an update.
     Update,
-    /// TRGO, the compare.
+    /// TRGO, compare 1.
     Compare,
+    /// Compare 4, where its interrupt is used.
+    Ready,
 }
 
 impl Tim8 {
@@ -47,14 +57,25 @@ impl Tim8 {
             (CR1, Kept::new("TIM8_CR1", 0, 0x881)),
             // MMS, MMS2
             (CR2, Kept::new("TIM8_CR2", 0, 0x00f0_0070)),
-            // OC1M
-            (CCMR1, Kept::new("TIM8_CCMR1", 0, 0x70)),
+            // CC4IE
+            (DIER, Kept::new("TIM8_DIER", 0, 0x10)),
+            // OC1M, OC2M
+            (CCMR1, Kept::new("TIM8_CCMR1", 0, 0x0101_7070)),
+            // OC3M
+            (CCMR2, Kept::new("TIM8_CCMR2", 0, 0x70)),
+            // CC1E, CC1P, CC3E
+            (CCER, Kept::new("TIM8_CCER", 0, 0x103)),
+            (CCR2, Kept::new("TIM8_CCR2", 0, 0xffff)),
+            (CCR3, Kept::new("TIM8_CCR3", 0, 0xffff)),
+            (CCR4, Kept::new("TIM8_CCR4", 0, 0xffff)),
+            // MOE
+            (BDTR, Kept::new("TIM8_BDTR", 0, 0x8000)),
             (0x28, Kept::new("TIM8_PSC", 0, 0)),
             (ARR, Kept::new("TIM8_ARR", 0xffff, 0xffff)),
             (CCR1, Kept::new("TIM8_CCR1", 0, 0xffff)),
         ];
         let bank = Bank::new("TIM8", &registers);
-        Tim8 { bank, period_start: 0, reload: 0xffff, sr: 0, is_compare_done: false }
+        Tim8 { bank, period_start: 0, reload: 0xffff, sr: 0, done: 0 }
     }
 
     fn is_running(&self) -> bool {
@@ -92,13 +113,13 @@ impl Tim8 {
                 if self.is_running() && !was_running {
                     self.check()?;
                     self.period_start = now;
-                    self.is_compare_done = false;
+                    self.done = 0;
                 } else if was_running && !self.is_running() {
                     return unmodelled("TIM8_CR1", "stopping the timer");
                 }
                 Ok(())
             }
-            CCR1 | CR2 | CCMR1 if self.is_running() => {
+            CCR1 | CCR2 | CCR3 | CCR4 | CR2 | CCMR1 | CCMR2 | CCER | DIER | BDTR if self.is_running() => {
                 unmodelled(format!("TIM8 + {offset:#x}"), "written while the timer runs")
             }
             _ => self.bank.write(offset, value),
@@ -110,9 +131,16 @@ impl Tim8 {
         if self.bank.at(CR1) & 0x80 == 0 {
             return unmodelled("TIM8_CR1", "running without ARPE");
         }
-        // MMS: OC1REF; MMS2: update; OC1M: PWM mode 2.
-        if self.bank.at(CR2) != 0x0020_0040 || self.bank.at(CCMR1) != 0x70 {
-            return unmodelled("TIM8_CR2, TIM8_CCMR1", "running with other trigger outputs than OC1REF and update");
+        // MMS: OC1REF; MMS2: update. Without outputs OC1M is PWM mode 2 and nothing else is set; with them channel 1 is a pulse
+        // (combined PWM mode 2, PWM mode 1), active low, and channel 3 one from the update on, and both are let out.
+        let plain = [(CCMR1, 0x70), (CCMR2, 0), (CCER, 0), (DIER, 0)];
+        let pulsed = [(CCMR1, 0x0001_6050), (CCMR2, 0x60), (CCER, 0x103), (DIER, 0x10), (BDTR, 0x8000)];
+        let is = |wanted: &[(u32, u32)]| wanted.iter().all(|(register, value)| self.bank.at(*register) == *value);
+        if self.bank.at(CR2) != 0x0020_0040 || !(is(&plain) || is(&pulsed)) {
+            return unmodelled("TIM8", "running in another way than the two that are modelled");
+        }
+        if is(&pulsed) && (self.bank.at(CCR2) <= self.bank.at(CCR1) || self.bank.at(CCR4) >= self.bank.at(CCR1)) {
+            return unmodelled("TIM8_CCR1 to 4", "compares in another order than 4, 1, 2");
         }
         if self.bank.at(CCR1) > self.reload || self.bank.at(CCR1) == 0 {
             return unmodelled("TIM8_CCR1", "a compare outside of the period");
@@ -120,29 +148,47 @@ impl Tim8 {
         Ok(())
     }
 
+    /// Whether the pins of channel 1 and 3 are let out.
+    pub fn drives_pins(&self) -> bool {
+        self.bank.at(BDTR) >> 15 & 1 != 0 && self.bank.at(CCER) & 0x101 == 0x101
+    }
+
+    /// Whether its compare interrupt is up.
+    pub fn interrupt(&self) -> bool {
+        self.sr & self.bank.at(DIER) & 0x10 != 0
+    }
+
+    /// The next pulse with its count.
+    fn next(&self) -> (Pulse, u64) {
+        let has_ready = self.bank.at(DIER) & 0x10 != 0;
+        match (self.done, has_ready) {
+            (0, true) => (Pulse::Ready, u64::from(self.bank.at(CCR4))),
+            (0, false) | (1, true) => (Pulse::Compare, u64::from(self.bank.at(CCR1))),
+            _ => (Pulse::Update, u64::from(self.reload) + 1),
+        }
+    }
+
     /// When the next pulse comes.
     pub fn event(&self) -> Option<u64> {
-        if !self.is_running() {
-            return None;
-        }
-        let after = if self.is_compare_done { u64::from(self.reload) + 1 } else { u64::from(self.bank.at(CCR1)) };
-        Some(self.period_start + after)
+        self.is_running().then(|| self.period_start + self.next().1)
     }
 
     /// The pulse that is due by `now`, with its cycle.
     pub fn advance(&mut self, now: u64) -> Option<(Pulse, u64)> {
         let at = self.event().filter(|at| *at <= now)?;
-        if self.is_compare_done {
-            self.period_start = at;
-            self.reload = self.bank.at(ARR);
-            self.is_compare_done = false;
-            self.sr |= 1;
-            Some((Pulse::Update, at))
-        } else {
-            self.is_compare_done = true;
-            self.sr |= 2;
-            Some((Pulse::Compare, at))
+        let (pulse, _) = self.next();
+        self.done += 1;
+        match pulse {
+            Pulse::Update => {
+                self.period_start = at;
+                self.reload = self.bank.at(ARR);
+                self.done = 0;
+                self.sr |= 1;
+            }
+            Pulse::Compare => self.sr |= 2,
+            Pulse::Ready => self.sr |= 0x10,
         }
+        Some((pulse, at))
     }
 }
 

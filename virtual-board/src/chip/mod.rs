@@ -3,6 +3,7 @@
 //! Time is counted in cycles of the core's 170 MHz. [`Chip::advance`] does what is due, in order; [`Chip::event`] says what comes next.
 
 pub mod converters;
+pub mod external;
 pub mod flash;
 pub mod serial;
 pub mod strict;
@@ -10,6 +11,7 @@ pub mod system;
 
 use crate::bench::Bench;
 use converters::{Adc, Dac, Pulse, Tim8};
+use external::External;
 use flash::Flash;
 use serial::{Dma, Move, Usart};
 use strict::{Access, Bank, unmodelled};
@@ -21,9 +23,14 @@ pub const ENABLE_PIN: u32 = 5;
 pub const STOP_PIN: u32 = 4;
 const PORT_A: usize = 0;
 const PORT_B: usize = 1;
+const PORT_C: usize = 2;
 
 /// Interrupt numbers (RM0440, vector table).
-pub const IRQS: [u16; 4] = [11, 12, 18, 38];
+pub const IRQS: [u16; 5] = [11, 12, 18, 38, 46];
+/// ADC1_2, the control interrupt with the chip's own converters.
+const IRQ_ADC: u16 = 18;
+/// TIM8_CC, the control interrupt with external ones.
+const IRQ_TIM8_CC: u16 = 46;
 
 /// RCC_CSR's flags.
 const FLAG_IWDG: u32 = 1 << 29;
@@ -84,6 +91,8 @@ pub struct Chip {
     pub adc: [Adc; 2],
     adc_common: Bank,
     dac: Dac,
+    /// Converters on SPI, on a board that has them.
+    external: Option<External>,
     /// Where the DAC is stuck, if it is.
     pub stuck_dac: Option<u16>,
     /// The serial port and the line's other end.
@@ -122,6 +131,7 @@ impl Chip {
             adc: [Adc::new("ADC1"), Adc::new("ADC2")],
             adc_common: converters::adc_common(),
             dac: Dac::new(),
+            external: bench.has_external_converters().then(|| External::new(bench.mid_code())),
             stuck_dac: None,
             usart: Usart::new(),
             dma: Dma::new(),
@@ -169,6 +179,7 @@ impl Chip {
         self.adc[1].late_cycles = late[1];
         self.adc_common.reset();
         self.dac = Dac::new();
+        self.external.iter_mut().for_each(External::reset);
         self.usart.reset();
         self.dma = Dma::new();
         self.iwdg = Iwdg::new();
@@ -201,13 +212,19 @@ impl Chip {
     }
 
     /// The interrupt lines, as [`IRQS`].
-    pub fn lines(&self) -> [bool; 4] {
+    pub fn lines(&self) -> [bool; 5] {
         [
             self.dma.interrupt(0),
             self.dma.interrupt(1),
             self.adc[0].interrupt() || self.adc[1].interrupt(),
             self.usart.interrupt(),
+            self.tim8.interrupt(),
         ]
+    }
+
+    /// The number of the control interrupt.
+    pub fn control_irq(&self) -> u16 {
+        if self.external.is_some() { IRQ_TIM8_CC } else { IRQ_ADC }
     }
 
     /// The next cycle at which something happens by itself.
@@ -219,6 +236,7 @@ impl Chip {
             self.usart.event(),
             self.flash.event(),
             self.iwdg.expires,
+            self.external.as_ref().and_then(External::event),
         ]
         .into_iter()
         .flatten()
@@ -261,8 +279,14 @@ impl Chip {
             }
             self.adc[number].advance(at);
         }
+        if let Some(external) = &mut self.external
+            && let Err(error) = external.advance(at)
+        {
+            self.error.get_or_insert(error);
+        }
         match self.tim8.advance(at) {
             Some((Pulse::Update, at)) => {
+                self.start_external(at);
                 for adc in &mut self.adc {
                     if let Err(error) = adc.trigger(at) {
                         self.error.get_or_insert(error);
@@ -270,7 +294,7 @@ impl Chip {
                 }
             }
             Some((Pulse::Compare, at)) => self.latch(at),
-            None => {}
+            Some((Pulse::Ready, _)) | None => {}
         }
     }
 
@@ -285,23 +309,39 @@ impl Chip {
             return 0;
         }
         if number == 0 {
-            let (displacement_m, adc) = self.bench.displacement(hold);
-            self.present = Some(Row {
-                hold_cycle: hold,
-                displacement_m,
-                adc,
-                monitor: self.bench.monitor(),
-                latch_cycle: 0,
-                dac: 0,
-                is_enabled: false,
-            });
-            return u32::from(adc);
+            return u32::from(self.note_sample(hold));
         }
         u32::from(self.bench.monitor())
     }
 
+    /// The edge that starts an external ADC.
+    fn start_external(&mut self, at: u64) {
+        if self.external.is_some() && self.has_timer_pins() {
+            let code = self.note_sample(at);
+            self.external.iter_mut().for_each(|external| external.hold(at, code));
+        }
+    }
+
+    /// A sample is taken of the bench: its code.
+    fn note_sample(&mut self, hold: u64) -> u16 {
+        let (displacement_m, adc) = self.bench.displacement(hold);
+        let monitor = self.bench.monitor();
+        self.present =
+            Some(Row { hold_cycle: hold, displacement_m, adc, monitor, latch_cycle: 0, dac: 0, is_enabled: false });
+        adc
+    }
+
+    /// PC6 and PC8 are the timer's, and it drives them.
+    fn has_timer_pins(&self) -> bool {
+        let port = &self.gpio[PORT_C];
+        self.tim8.drives_pins() && port.alternate(6) == Some(4) && port.alternate(8) == Some(4)
+    }
+
     fn latch(&mut self, at: u64) {
         self.dac.trigger();
+        if self.has_timer_pins() {
+            self.external.iter_mut().for_each(External::latch);
+        }
         self.bench.look_at_enable(at);
         self.drive();
         if let Some(mut row) = self.present.take() {
@@ -317,6 +357,9 @@ impl Chip {
 
     /// The code at the DAC's pin; a pin that nobody drives is held at mid-code by its divider.
     pub fn output(&self) -> u16 {
+        if let Some(external) = &self.external {
+            return self.stuck_dac.unwrap_or(external.output());
+        }
         let is_driven = self.gpio[PORT_A].is_analog(4);
         let code = self.dac.output().filter(|_| is_driven).map_or(1 << 11, |code| code as u16);
         self.stuck_dac.unwrap_or(code)
@@ -336,6 +379,8 @@ impl Chip {
             0x4000_3000 => self.iwdg.read(offset),
             0x4000_4400 => self.usart.read(self.now, offset),
             0x4000_7000 => self.pwr.read(offset),
+            0x4000_3c00 => self.ports()?.spi3.read(offset),
+            0x4001_3000 => self.ports()?.spi1.read(offset),
             0x4001_0000 => self.syscfg.read(offset),
             0x4001_3400 => self.tim8.read(self.now, offset),
             0x4002_0000 => self.dma.read(offset),
@@ -365,8 +410,18 @@ impl Chip {
             0x4000_3000 => self.iwdg.write(now, offset, value),
             0x4000_4400 => self.usart.write(now, offset, value),
             0x4000_7000 => self.pwr.write(offset, value),
+            0x4000_3c00 => self.ports()?.spi3.write(now, offset, value),
+            0x4001_3000 => self.ports()?.spi1.write(now, offset, value),
             0x4001_0000 => self.syscfg.write(offset, value),
-            0x4001_3400 => self.tim8.write(now, offset, value),
+            0x4001_3400 => {
+                let was_running = self.tim8.event().is_some();
+                self.tim8.write(now, offset, value)?;
+                // The pulse on channel 3 begins with the count, in the first period as in all others.
+                if !was_running && self.tim8.event().is_some() {
+                    self.start_external(now);
+                }
+                Ok(())
+            }
             0x4002_0000 => self.dma.write(offset, value),
             0x4002_0800 => self.dma.mux().write(offset, value),
             0x4002_1000 => self.rcc.write(offset, value),
@@ -391,6 +446,13 @@ impl Chip {
             }
             0xe004_2000 => self.dbgmcu.write(offset, value),
             _ => unmodelled(format!("{address:#010x}"), "written, and no peripheral is modelled there"),
+        }
+    }
+
+    fn ports(&mut self) -> Access<&mut External> {
+        match &mut self.external {
+            Some(external) => Ok(external),
+            None => unmodelled("SPI1, SPI3", "touched on a board without external converters"),
         }
     }
 
@@ -426,6 +488,8 @@ fn clock_of(address: u32) -> Option<Clocked> {
         0x4000_7000 => Clocked::Pwr,
         0x4001_0000 => Clocked::Syscfg,
         0x4001_3400 => Clocked::Tim8,
+        0x4000_3c00 => Clocked::Spi3,
+        0x4001_3000 => Clocked::Spi1,
         0x4002_0000 => Clocked::Dma1,
         0x4002_0800 => Clocked::Dmamux,
         0x4002_2000 => Clocked::Flash,

@@ -44,12 +44,29 @@ pub fn calibration() -> Calibration {
 pub fn bench() -> BenchSettings {
     let chain = Model::read(&root().join("models/thesis-phs.toml")).expect("a model of ours").chain();
     let start = Start::relaxed(&chain);
-    BenchSettings { chain, start, calibration: calibration(), seed: 1, anti_alias_hz: None }
+    BenchSettings {
+        chain,
+        start,
+        calibration: calibration(),
+        seed: 1,
+        anti_alias_hz: None,
+        has_external_converters: false,
+    }
 }
 
 /// The image on its board, greeted; `None` where it can't be built.
 pub fn board() -> Option<VirtualBoard> {
     let mut board = VirtualBoard::new(&image("nucleo-g474re")?, &bench(), 1700);
+    board.greet().expect("an identity");
+    Some(board)
+}
+
+/// The image for external converters of 16 bits, on a board that has them.
+pub fn external_board() -> Option<VirtualBoard> {
+    let parameters = wire::Parameters::EXTERNAL_PI1;
+    let calibration = parameters.check(&wire::Converters::EXTERNAL_16BIT).expect("sound parameters").calibration;
+    let settings = BenchSettings { calibration, has_external_converters: true, ..bench() };
+    let mut board = VirtualBoard::new(&image("external-16bit")?, &settings, 1700);
     board.greet().expect("an identity");
     Some(board)
 }
