@@ -58,6 +58,23 @@ fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {
 }
 
 #[test]
+fn the_image_for_external_converters_runs_the_same_way() {
+    let Some(image) = image() else { return };
+    let image = image.replace("nucleo-g474re", "external-16bit");
+    let folder = Folder::new("board-external");
+    let line = format!(
+        "board run {image} --plant {PLANT} --controller {PI1} --reference sine:80um@100Hz --seconds 0.05 --out @/a.csv"
+    );
+    let output = run(&folder, &line);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let log = folder.read("a.csv");
+    // 260 um over 2^16.
+    assert!(log.contains("# adc_lsb_um: 0.00396") && log.contains("# board: external-16bit (virtual)"), "{log:.400}");
+    let report: serde_json::Value = serde_json::from_str(&folder.read("a.board.json")).unwrap();
+    assert_eq!((&report["latch_cycles"], &report["fault"]), (&serde_json::json!([1700, 1700]), &"none".into()));
+}
+
+#[test]
 fn wrong_calls_say_what_is_wrong() {
     let folder = Folder::new("board-wrong");
     let cases = [

@@ -3,7 +3,7 @@
 use crate::arguments::BoardRunCall;
 use crate::failure::Failure;
 use crate::output;
-use control_core::{AdcCode, Calibration, DacCode, FaultCode, Law, ModeName};
+use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName};
 use plant_sim::controller::Controller;
 use plant_sim::experiment::{Program, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
@@ -16,11 +16,7 @@ use std::path::PathBuf;
 use virtual_board::run::{Experiment, Report, run};
 use virtual_board::waveform::Waveform;
 use virtual_board::{BenchSettings, Image};
-use wire::{Converters, Parameters};
-
-/// The Nucleo's converters: what the image on it is set up for. The board's identity is checked against the link's version, and the board
-/// itself refuses parameters that are not for it.
-const CONVERTERS: Converters = Converters::NUCLEO_G474RE;
+use wire::{Checked, Converters, Parameters};
 
 /// From the ADC's hold to the DAC's latch, in microseconds.
 const LATENCY_S: f64 = 10e-6;
@@ -59,7 +55,12 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
             "{samples} samples: a run has 2 to {MOST_ROWS}; change --seconds or --rate"
         )));
     }
-    let mut parameters = Parameters { rate_hz: call.rate as f32, ..Parameters::NUCLEO_PI1 };
+    let (converters, default) = if image.has_external_converters() {
+        (Converters::EXTERNAL_16BIT, Parameters::EXTERNAL_PI1)
+    } else {
+        (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
+    };
+    let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.controller {
         let settings = Controller::read(path)?.settings(call.rate);
         Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
@@ -73,7 +74,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         parameters = parameters.with_settings(&settings);
     }
     let checked =
-        parameters.check(&CONVERTERS).map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
+        parameters.check(&converters).map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
     let waveform = Waveform::new(spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let bench = BenchSettings {
@@ -82,14 +83,14 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         calibration: checked.calibration,
         seed: call.seed,
         anti_alias_hz: call.anti_alias,
-        has_external_converters: false,
+        has_external_converters: image.has_external_converters(),
     };
     let experiment = Experiment { bench, parameters, waveform, is_closed_loop, samples: samples as u64 };
     let bar = output::bar(experiment.samples, "running the image");
     let report = run(&image, &experiment, &|done| bar.set_position(done))
         .map_err(|error| Failure::hardware(format!("virtual board: {error}")))?;
     bar.finish_and_clear();
-    write_log(call, &report, &checked.calibration)?;
+    write_log(call, &report, &checked)?;
     output::warn(&warnings);
     say(call, &report)?;
     match FaultCode::from_number(report.status.fault) {
@@ -100,7 +101,8 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     }
 }
 
-fn write_log(call: &BoardRunCall, report: &Report, calibration: &Calibration) -> Result<(), Failure> {
+fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<(), Failure> {
+    let calibration = &checked.calibration;
     let mut meta = Meta {
         rate_hz: Some(call.rate),
         latency_s: LATENCY_S,
@@ -128,8 +130,7 @@ fn write_log(call: &BoardRunCall, report: &Report, calibration: &Calibration) ->
         if let (true, Some(sample)) = (is_streamed, report.streamed.get(k)) {
             values.extend([
                 f64::from(sample.reference) * f64::from(report.reference_step_m),
-                // The monitor stands in the DAC's own codes on this board.
-                f64::from(calibration.drive_v(DacCode(sample.monitor))),
+                f64::from((f32::from(sample.monitor) - checked.monitor_zero_code) * checked.monitor_v_per_code),
                 f64::from(sample.limited_by.bits()),
             ]);
         }

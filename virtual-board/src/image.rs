@@ -79,6 +79,11 @@ impl Image {
         Ok(Image { flash, loaded_bytes, symbols })
     }
 
+    /// Whether the image is for converters on SPI: its control interrupt, the handler that lies in CCM SRAM, is the timer's.
+    pub fn has_external_converters(&self) -> bool {
+        self.symbol("TIM8_CC").is_some_and(|address| address >> 16 == 0x1000)
+    }
+
     /// The address of a symbol.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.symbols.get(name).copied()
