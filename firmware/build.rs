@@ -10,6 +10,8 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     // -Tlink.x comes from the root's .cargo/config.toml; defmt's section is only this image's business.
     println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    // Without a level defmt leaves out all but errors.
+    println!("cargo:rustc-env=DEFMT_LOG=info");
     println!("cargo:rerun-if-changed=../memory.x");
     println!("cargo:rerun-if-changed=build.rs");
     // The same sources give the same bytes: no time and no path, only the commit where there is one.

@@ -113,6 +113,7 @@ impl Desk {
                 return say(refuse(sequence, error)).await;
             }
         };
+        defmt::info!("request {=u16}, {=usize} waiting", sequence, shared::RECORDS.len());
         shared::HEARD.store(shared::SAMPLES.load(Ordering::Relaxed), Ordering::Relaxed);
         let is_idle = State::now().is_idle();
         match message {

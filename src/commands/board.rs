@@ -163,6 +163,7 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "running": status.mode == ModeName::Running as u8,
         "resets": report.resets.len(),
         "peak_um": report.peak_m * 1e6,
+        "log": report.log,
         "measured_on_silicon": false,
     });
     let path = report_path(call);

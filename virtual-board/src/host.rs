@@ -3,6 +3,7 @@
 use crate::bench::{Bench, BenchSettings};
 use crate::chip::Chip;
 use crate::image::Image;
+use crate::log::Log;
 use crate::machine::{Machine, MachineError};
 use control_core::SettingsError;
 use wire::{
@@ -88,6 +89,7 @@ pub struct VirtualBoard {
     pub unasked: Vec<Heard>,
     /// Frames that were none.
     pub bad_frames: u32,
+    log: Log,
 }
 
 impl VirtualBoard {
@@ -99,6 +101,7 @@ impl VirtualBoard {
             receiver: Receiver::new(),
             unasked: Vec::new(),
             bad_frames: 0,
+            log: Log::new(&image.elf, image.symbol("_SEGGER_RTT")),
         }
     }
 
@@ -132,6 +135,11 @@ impl VirtualBoard {
         let heard = self.listen();
         self.unasked.extend(heard);
         Ok(())
+    }
+
+    /// What the image has logged since the last time, one line each.
+    pub fn logged(&mut self) -> Vec<String> {
+        self.log.take(&self.machine)
     }
 
     /// What has come over the line since the last time.

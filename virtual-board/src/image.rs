@@ -30,6 +30,8 @@ pub struct Image {
     /// Bytes that are loaded, vectors to the last initial value.
     pub loaded_bytes: u32,
     symbols: BTreeMap<String, u32>,
+    /// The whole file, for the tables of its log.
+    pub elf: Vec<u8>,
 }
 
 impl Image {
@@ -76,7 +78,7 @@ impl Image {
             .symbols()
             .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() as u32)))
             .collect();
-        Ok(Image { flash, loaded_bytes, symbols })
+        Ok(Image { flash, loaded_bytes, symbols, elf: bytes.to_owned() })
     }
 
     /// Whether the image is for converters on SPI: its control interrupt, the handler that lies in CCM SRAM, is the timer's.

@@ -11,6 +11,7 @@ pub mod bench;
 pub mod chip;
 pub mod host;
 pub mod image;
+pub mod log;
 pub mod machine;
 pub mod run;
 pub mod waveform;

@@ -246,6 +246,11 @@ impl Machine {
         self.space.read(u64::from(address), Width::U32, MemAttrs::DEBUG).ok().map(|word| word as u32)
     }
 
+    /// Puts a word into memory, as a debugger would.
+    pub fn set_word(&self, address: u32, word: u32) -> bool {
+        self.space.write(u64::from(address), Width::U32, u64::from(word), MemAttrs::DEBUG).is_ok()
+    }
+
     /// Takes the guard away, for the test that shows what it is for.
     pub fn drop_guard(&mut self) {
         self.is_guard_on = false;

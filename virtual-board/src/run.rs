@@ -48,6 +48,8 @@ pub struct Report {
     pub resets: Vec<(u64, Reset)>,
     /// Largest magnitude of the true displacement at any sample, in metres.
     pub peak_m: f64,
+    /// What the image logged.
+    pub log: Vec<String>,
     /// Bytes of the image in flash.
     pub image_bytes: u32,
     /// Cycles from one sample to the next: fewest and most.
@@ -79,12 +81,14 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
     let armed = board.machine.chip().rows.len();
     board.order(&ToBoard::Run)?;
     let mut done = 0;
+    let mut log = board.logged();
     let wanted = experiment.samples + 20;
     while done < wanted {
         let part = PART.min(wanted - done);
         board.run_samples(part)?;
         done += part;
         board.status()?;
+        log.extend(board.logged());
         progress(done.min(experiment.samples));
     }
     // The last block may still be on its way: it goes out when 48 samples are together.
@@ -107,6 +111,7 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
         cost,
         resets: chip.resets.clone(),
         peak_m: chip.bench.peak_m,
+        log,
         image_bytes: image.loaded_bytes,
         period_cycles: span(rows.windows(2).map(|two| two[1].hold_cycle - two[0].hold_cycle)),
         latch_cycles: span(rows.iter().map(|row| row.latch_cycle - row.hold_cycle)),

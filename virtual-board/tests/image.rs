@@ -436,3 +436,36 @@ fn the_control_path_calls_nothing_outside_of_itself() {
     // The one there is belongs to `Calibration::adc_code`, which simulated sensors call and the interrupt does not.
     assert!(outside.len() <= 1, "{outside:x?}");
 }
+
+/// Signs of life as fast as the line takes them, each logged and answered, beside the full stream: the latch does not move by a cycle.
+#[test]
+fn the_latch_is_exact_under_a_flood_of_log_and_full_traffic() {
+    let Some(mut board) = board() else { return };
+    start(&mut board, &[SINE], true);
+    board.ask(&ToBoard::StreamStart { every: 1 }).unwrap();
+    let mut lines = board.logged();
+    assert!(lines[0].starts_with("nucleo-g474re: reset 0, fault 0"), "{lines:?}");
+    board.machine.chip().rows.clear();
+    // What the line carries beside the stream: 9 answers of 45 bytes in 5 ms. Then ten times as many, which it can't.
+    for requests in [9; 100].into_iter().chain([90; 20]) {
+        for _ in 0..requests {
+            board.send(&ToBoard::KeepAlive).unwrap();
+        }
+        board.run_samples(100).unwrap();
+        lines.extend(board.logged());
+    }
+    assert!(lines.len() > 900, "{} lines", lines.len());
+    assert!(lines[10].starts_with("request "), "{}", lines[10]);
+    let answers = board.unasked.iter().filter(|heard| matches!(heard, Heard::Status(_))).count();
+    assert!(answers > 900, "{answers}");
+    // Once the flood is over the board answers as ever; requests that found no room were lost, and are counted.
+    board.run_samples(1000).unwrap();
+    board.send_bytes(&[0]);
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.overruns, status.lost_samples), (ModeName::Running as u8, 0, 0));
+    assert!(status.bad_frames > 0);
+    let chip = board.machine.chip();
+    assert!(chip.rows.len() >= 10_000);
+    assert!(chip.rows.windows(2).all(|two| two[1].latch_cycle - two[0].latch_cycle == PERIOD));
+    assert!(chip.rows.iter().all(|row| row.latch_cycle - row.hold_cycle == 1700));
+}
