@@ -101,7 +101,7 @@ impl VirtualBoard {
             receiver: Receiver::new(),
             unasked: Vec::new(),
             bad_frames: 0,
-            log: Log::new(&image.elf, image.symbol("_SEGGER_RTT")),
+            log: Log::new(image.symbols()),
         }
     }
 

@@ -30,8 +30,6 @@ pub struct Image {
     /// Bytes that are loaded, vectors to the last initial value.
     pub loaded_bytes: u32,
     symbols: BTreeMap<String, u32>,
-    /// The whole file, for the tables of its log.
-    pub elf: Vec<u8>,
 }
 
 impl Image {
@@ -78,12 +76,17 @@ impl Image {
             .symbols()
             .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() as u32)))
             .collect();
-        Ok(Image { flash, loaded_bytes, symbols, elf: bytes.to_owned() })
+        Ok(Image { flash, loaded_bytes, symbols })
     }
 
     /// Whether the image is for converters on SPI: its control interrupt, the handler that lies in CCM SRAM, is the timer's.
     pub fn has_external_converters(&self) -> bool {
         self.symbol("TIM8_CC").is_some_and(|address| address >> 16 == 0x1000)
+    }
+
+    /// All symbols with their addresses.
+    pub fn symbols(&self) -> impl Iterator<Item = (&str, u32)> {
+        self.symbols.iter().map(|(name, address)| (name.as_str(), *address))
     }
 
     /// The address of a symbol.
