@@ -149,6 +149,7 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "board": report.board,
         "firmware": report.firmware,
         "image_bytes": report.image_bytes,
+        "stack_bytes": { "used": report.stack_bytes.0, "there": report.stack_bytes.1 },
         "samples": report.rows.len(),
         "period_cycles": [report.period_cycles.0, report.period_cycles.1],
         "latch_cycles": [report.latch_cycles.0, report.latch_cycles.1],

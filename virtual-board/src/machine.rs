@@ -22,6 +22,8 @@ const IT: u32 = 0x0600_fc00;
 const RAM: u32 = 0x2000_0000;
 const RAM_BYTES: u64 = 96 * 1024;
 const CCM: u32 = 0x1000_0000;
+/// What memory holds before the program uses it.
+const UNUSED: u32 = 0xa5a5_a5a5;
 const CCM_BYTES: u64 = 32 * 1024;
 
 /// Why a run ended before its time.
@@ -149,8 +151,6 @@ pub struct Machine {
     /// Instructions and cycles at the entry of the control interrupt under way, and fetches from flash since.
     under_way: Option<(u64, u64, u64)>,
     exception: u16,
-    /// Lowest stack pointer seen in the control interrupt.
-    lowest_stack: u32,
     is_guard_on: bool,
     /// Exception number of the control interrupt.
     control: u16,
@@ -202,6 +202,10 @@ impl Machine {
             }
         }
         let space = Arc::new(space);
+        // Memory at power-on holds anything but zeros, and what is still this was never used.
+        for address in (RAM..RAM + RAM_BYTES as u32).step_by(4) {
+            let _ = space.write(u64::from(address), Width::U32, u64::from(UNUSED), MemAttrs::DEBUG);
+        }
         Machine {
             core: new_core(&space),
             space,
@@ -210,7 +214,6 @@ impl Machine {
             cost: Cost::default(),
             under_way: None,
             exception: 0,
-            lowest_stack: u32::MAX,
             is_guard_on: true,
             control,
         }
@@ -249,6 +252,13 @@ impl Machine {
     /// Puts a word into memory, as a debugger would.
     pub fn set_word(&self, address: u32, word: u32) -> bool {
         self.space.write(u64::from(address), Width::U32, u64::from(word), MemAttrs::DEBUG).is_ok()
+    }
+
+    /// Bytes of stack ever used, and bytes there are between the image's data and the end of memory.
+    pub fn stack_bytes(&self, image: &Image) -> Option<(u32, u32)> {
+        let (low, high) = (image.symbol("_stack_end")?, image.symbol("_stack_start")?);
+        let lowest = (low..high).step_by(4).find(|address| self.word(*address) != Some(UNUSED)).unwrap_or(high);
+        Some((high - lowest, high - low))
     }
 
     /// Takes the guard away, for the test that shows what it is for.
@@ -372,14 +382,8 @@ impl Machine {
         {
             self.cost.note(self.instructions - instructions, self.core.cycles() - cycles, from_flash);
         }
-        self.lowest_stack = self.lowest_stack.min(self.core.msp());
         self.exception = exception;
         Ok(())
-    }
-
-    /// Lowest stack pointer seen at the entry or return of an exception.
-    pub fn lowest_stack(&self) -> u32 {
-        self.lowest_stack
     }
 }
 

@@ -50,6 +50,8 @@ pub struct Report {
     pub peak_m: f64,
     /// What the image logged.
     pub log: Vec<String>,
+    /// Bytes of stack used and there.
+    pub stack_bytes: (u32, u32),
     /// Bytes of the image in flash.
     pub image_bytes: u32,
     /// Cycles from one sample to the next: fewest and most.
@@ -102,6 +104,7 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
     let samples = experiment.samples as usize;
     let rows: Vec<Row> = rows.into_iter().skip(begin).take(samples).collect();
     let streamed = if is_whole && streamed.len() >= rows.len() { streamed } else { Vec::new() };
+    let stack_bytes = board.machine.stack_bytes(image).unwrap_or_default();
     let chip = board.machine.chip();
     Ok(Report {
         board: name,
@@ -112,6 +115,7 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
         resets: chip.resets.clone(),
         peak_m: chip.bench.peak_m,
         log,
+        stack_bytes,
         image_bytes: image.loaded_bytes,
         period_cycles: span(rows.windows(2).map(|two| two[1].hold_cycle - two[0].hold_cycle)),
         latch_cycles: span(rows.iter().map(|row| row.latch_cycle - row.hold_cycle)),

@@ -458,6 +458,10 @@ fn the_latch_is_exact_under_a_flood_of_log_and_full_traffic() {
     assert!(lines[10].starts_with("request "), "{}", lines[10]);
     let answers = board.unasked.iter().filter(|heard| matches!(heard, Heard::Status(_))).count();
     assert!(answers > 900, "{answers}");
+    // The deepest the stack ever was, under all of this: far from the data below it.
+    let image = support::image("nucleo-g474re").unwrap();
+    let (used, there) = board.machine.stack_bytes(&image).unwrap();
+    assert!((1000..8000).contains(&used) && there > 4 * used, "{used} of {there} bytes");
     // Once the flood is over the board answers as ever; requests that found no room were lost, and are counted.
     board.run_samples(1000).unwrap();
     board.send_bytes(&[0]);

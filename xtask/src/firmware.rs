@@ -33,6 +33,31 @@ pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
+/// Builds twice, in two folders, and compares the files byte for byte.
+pub fn twice(project: &Project) -> Result<Outcome> {
+    let Some(toolchain) = bare::choose_here(project, None)? else {
+        return Ok(Outcome::NotRun(format!("no compiler for {TARGET} here")));
+    };
+    build(project, Some(toolchain))?;
+    let again = project.root.join("target/firmware-again");
+    let mut command = bare::command(project, toolchain);
+    command.args(["build", "--release", "--locked", "--manifest-path", "firmware/Cargo.toml", "--target", TARGET]);
+    command.arg("--target-dir").arg(&again);
+    if toolchain == Toolchain::Debian {
+        command.arg("-Zbuild-std=core");
+    }
+    passes(&mut command)?;
+    for board in ["nucleo-g474re", "external-16bit"] {
+        let first = std::fs::read(images(project, toolchain).join(board))?;
+        let second = std::fs::read(again.join(TARGET).join("release").join(board))?;
+        if first != second {
+            bail!("{board}: two builds of the same sources differ");
+        }
+        println!("firmware: {board}: {} bytes, the same twice", first.len());
+    }
+    Ok(Outcome::Passed)
+}
+
 fn images(project: &Project, toolchain: Toolchain) -> PathBuf {
     project.root.join(folder(toolchain)).join(TARGET).join("release")
 }
