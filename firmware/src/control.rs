@@ -110,12 +110,12 @@ impl Control {
             self.latched_v = output.drive_v;
         }
         self.score(is_late, ready_cycles);
-        let is_enabled = self.enable(is_analog, &output);
         let mode = self.controller.mode_name();
-        let state = State { mode: mode as u8, fault: self.fault_number(), input: self.input };
-        let word = state.word();
-        if word != shared::STATE.load(Relaxed) {
-            shared::STATE.store(word, Relaxed);
+        let is_enabled = self.enable(is_analog, mode, &output);
+        // The input changes by a request only, and a fault is latched with its mode.
+        if wake || mode != self.last_mode {
+            let state = State { mode: mode as u8, fault: self.fault_number(), input: self.input };
+            shared::STATE.store(state.word(), Relaxed);
             wake = true;
         }
         shared::SAMPLES.store(self.sample, Relaxed);
@@ -231,12 +231,12 @@ impl Control {
     /// Toggles ENABLE while the amplifier is to be on: from arming (the DAC has been at the safe level since the start)
     /// until 0 V is reached again. A loop that hangs toggles nothing, and the monostable behind the pin falls back.
     #[inline(always)]
-    fn enable(&mut self, is_analog: bool, output: &Output) -> bool {
+    fn enable(&mut self, is_analog: bool, mode: ModeName, output: &Output) -> bool {
         let wanted = is_analog
-            && match self.controller.mode() {
-                Mode::Idle => false,
-                Mode::Armed { .. } | Mode::Running { .. } | Mode::Stopping { .. } => true,
-                Mode::Fault { .. } => output.drive_v != 0.0,
+            && match mode {
+                ModeName::Idle => false,
+                ModeName::Armed | ModeName::Running | ModeName::Stopping => true,
+                ModeName::Fault => output.drive_v != 0.0,
             };
         self.is_enable_high = wanted && !self.is_enable_high;
         registers::set_enable(self.is_enable_high);
