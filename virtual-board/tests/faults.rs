@@ -336,3 +336,28 @@ fn faults_over_the_bridge_latch_too() {
     let _ = board.ask(&ToBoard::BridgeSample { index: 0, displacement: 4095, monitor: MID }).unwrap();
     assert_eq!(board.status().unwrap().fault, FaultCode::SensorRail.number());
 }
+
+/// A host of another version is told so, in words, and nothing of what it asks is done.
+#[test]
+fn another_version_is_refused_in_words() {
+    let Some(mut board) = board() else { return };
+    // Arm (message 2), as version 2 might write it, with a CRC that fits.
+    let mut plain = vec![wire::VERSION + 1, 1, 1, 2];
+    plain.extend(wire::crc32(&plain).to_le_bytes());
+    // COBS by hand: each run of bytes up to a 0 with its length before it.
+    let mut line = Vec::new();
+    for run in plain.split(|byte| *byte == 0) {
+        line.push(run.len() as u8 + 1);
+        line.extend(run);
+    }
+    line.push(0);
+    board.send_bytes(&line);
+    board.run_samples(100).unwrap();
+    let told = board.unasked.iter().find_map(|heard| match heard {
+        Heard::Refused { sequence: 0, reason } => Some(reason.clone()),
+        _ => None,
+    });
+    let told = told.expect("an answer");
+    assert!(told.contains("speaks version 2, this one version 1: flash the firmware"), "{told}");
+    assert_eq!(board.status().unwrap().mode, ModeName::Idle as u8);
+}
