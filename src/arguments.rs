@@ -36,16 +36,26 @@ pub enum Command {
     Diagnose(DiagnoseCall),
     /// What a bench may do beyond its nominal plant: all effects, or everything about one
     Effects(EffectsCall),
+    /// The flash image on the virtual board
+    #[command(subcommand)]
+    Board(BoardCommand),
+}
+
+#[derive(Subcommand)]
+pub enum BoardCommand {
+    /// Run the image in a loop with the simulated plant: writes a log and a report
+    Run(BoardRunCall),
 }
 
 impl Command {
-    /// How the result is shown, and the output; `None` for a command that only prints.
-    pub fn outputs(&self) -> Option<(&Show, &Path)> {
+    /// How the result is shown, and the output; `None` for a command that only prints or sees to its files itself.
+    pub fn outputs(&self) -> Option<(Option<&Show>, &Path)> {
         match self {
-            Command::Simulate(call) => Some((&call.show, &call.out)),
-            Command::Replay(call) => Some((&call.show, &call.out)),
-            Command::Identify(call) => Some((&call.show, &call.out)),
-            // A diagnosis writes into a directory, and sees to it itself.
+            Command::Simulate(call) => Some((Some(&call.show), &call.out)),
+            Command::Replay(call) => Some((Some(&call.show), &call.out)),
+            Command::Identify(call) => Some((Some(&call.show), &call.out)),
+            Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
+            // A diagnosis writes into a directory.
             Command::Diagnose(_) | Command::Effects(_) => None,
         }
     }
@@ -55,11 +65,13 @@ impl Command {
         match self {
             Command::Simulate(call) => {
                 let specs = call.reference.iter().chain(&call.command);
-                let files = specs.flat_map(|spec| &spec.parts).filter_map(|part| match &part.shape {
-                    Shape::File { path } => Some(path),
-                    _ => None,
-                });
+                let files = spec_files(specs);
                 [&call.plant].into_iter().chain(&call.controller).chain(files).map(PathBuf::as_path).collect()
+            }
+            Command::Board(BoardCommand::Run(call)) => {
+                let files = spec_files(call.reference.iter().chain(&call.command));
+                let own = [&call.image, &call.plant].into_iter().chain(&call.controller);
+                own.chain(files).map(PathBuf::as_path).collect()
             }
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
@@ -69,6 +81,14 @@ impl Command {
             Command::Effects(_) => Vec::new(),
         }
     }
+}
+
+/// Files that SPECs name.
+fn spec_files<'a>(specs: impl Iterator<Item = &'a Spec>) -> impl Iterator<Item = &'a PathBuf> {
+    specs.flat_map(|spec| &spec.parts).filter_map(|part| match &part.shape {
+        Shape::File { path } => Some(path),
+        _ => None,
+    })
 }
 
 #[derive(Args)]
@@ -239,6 +259,50 @@ pub struct EffectsCall {
     /// Print the whole registry as Markdown: docs/effects.md
     #[arg(long, conflicts_with = "id")]
     pub markdown: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Example:
+  cargo xtask firmware
+  hysteron board run target/firmware-rustup/thumbv7em-none-eabihf/release/nucleo-g474re \\
+    --plant models/thesis-phs.toml --controller controllers/pi1.toml \\
+    --reference step:80um --rate 20000 --seconds 0.05 --out step.csv
+Beside the log it writes LOG.board.json: cycles, overruns, faults.
+SPECs are those of `hysteron simulate`, without `,shaped`.")]
+pub struct BoardRunCall {
+    /// The flash image, an ELF file that `cargo xtask firmware` built
+    #[arg(value_name = "IMAGE.elf")]
+    pub image: PathBuf,
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Controller, a controller file; with --reference
+    #[arg(long, value_name = "C.toml", requires = "reference")]
+    pub controller: Option<PathBuf>,
+    /// Closed loop: what the displacement shall follow, such as step:80um or sine:80um@50Hz
+    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command")]
+    pub reference: Option<Spec>,
+    /// Open loop: what to drive with, such as sine:60V@10Hz
+    #[arg(long, value_name = "SPEC")]
+    pub command: Option<Spec>,
+    /// Samples per second; must divide 170 MHz
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// Length; the SPEC's own length where it has one
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    pub seconds: Option<f64>,
+    /// Corner of the filter between sensor and pin; none where not given
+    #[arg(long = "anti-alias-hz", value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
+    pub anti_alias: Option<f64>,
+    /// Seed of the sensor's noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Log to write
+    #[arg(long, value_name = "LOG.csv")]
+    pub out: PathBuf,
+    /// Print the report as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args)]

@@ -14,7 +14,7 @@ use std::path::Path;
 pub const WRONG_CALL: u8 = 2;
 /// A file can't be used as it is.
 pub const BAD_FILE: u8 = 3;
-/// The computation came to no result.
+/// The computation came to no result, or a board to a fault.
 pub const NO_RESULT: u8 = 4;
 
 /// An exit code and what to say.
@@ -36,6 +36,11 @@ impl Failure {
         Self { code: WRONG_CALL, message: message.into() }
     }
 
+    /// A board that failed, or went into its fault mode.
+    pub fn hardware(message: impl Into<String>) -> Self {
+        Self { code: NO_RESULT, message: message.into() }
+    }
+
     /// A failure to write `path`.
     pub fn unwritable(path: &Path, error: &std::io::Error) -> Self {
         Self::call(format!("{}: cannot be written: {error}; name another place", path.display()))
@@ -52,7 +57,7 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command = ["simulate", "replay", "identify", "diagnose", "effects"];
+        let command = ["simulate", "replay", "identify", "diagnose", "effects", "board"];
         let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
         parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
         Self::call(parts.join("; "))

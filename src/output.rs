@@ -94,7 +94,7 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
     let Some((command, (show, out))) = command.and_then(|command| Some((command, command.outputs()?))) else {
         return Ok(());
     };
-    let page = page_path(show, out);
+    let page = show.and_then(|show| page_path(show, out));
     check_place(out, "--out", command.inputs())?;
     if let Some(page) = &page {
         if is_special(page) {

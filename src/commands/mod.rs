@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod board;
 mod demo;
 mod diagnose;
 mod effects;
@@ -8,7 +9,7 @@ mod logs;
 mod replay;
 mod simulate;
 
-use crate::arguments::{Arguments, Command};
+use crate::arguments::{Arguments, BoardCommand, Command};
 use crate::failure::Failure;
 
 /// Does what was asked for; without a command, shows what could be.
@@ -20,5 +21,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Identify(call)) => identify::identify(call),
         Some(Command::Diagnose(call)) => diagnose::diagnose(call),
         Some(Command::Effects(call)) => effects::effects(call),
+        Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
     }
 }

@@ -17,7 +17,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("wire", &["control-core"]),
     ("firmware", &["control-core", "wire"]),
     ("plant-sim", &["control-core"]),
-    ("virtual-board", &["plant-sim"]),
+    // Codes and volts are control-core's conversion; wire: the image is spoken to as by any host.
+    ("virtual-board", &["plant-sim", "control-core", "wire"]),
     ("gap-diagnosis", &["plant-sim"]),
     ("hil-bridge", &["wire", "control-core", "plant-sim", "virtual-board"]),
     ("bench-page", &["hil-bridge", "gap-diagnosis"]),

@@ -3,10 +3,11 @@
 use crate::project::{Outcome, Project, is_there, output, passes};
 use anyhow::{Result, bail};
 use clap::ValueEnum;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const TARGET: &str = "thumbv7em-none-eabihf";
+/// The chip's target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Rooms that must build without `std`; those that don't exist yet are passed over.
 const ROOMS: &[&str] = &["control-core", "wire"];
@@ -26,15 +27,12 @@ pub enum Toolchain {
 
 /// Builds every room of [`ROOMS`] and says which compiler did it.
 pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
-    let Some(toolchain) = choose(wanted, rustup_has_target(project)?, debian_has_core(project)) else {
+    let Some(toolchain) = choose_here(project, wanted)? else {
         bail!(
             "no compiler for {TARGET} here: `cargo xtask setup` installs one (rustup's target, or Debian's packages)"
         );
     };
-    let mut command = match toolchain {
-        Toolchain::Rustup => project.cargo(),
-        Toolchain::Debian => debian_cargo(project),
-    };
+    let mut command = command(project, toolchain);
     // Own folders: two compilers in one would rebuild each other's work, and neither may wait for the host's builds.
     let folder = match toolchain {
         Toolchain::Rustup => "target/no-std-rustup",
@@ -51,6 +49,19 @@ pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
     passes(&mut command)
 }
 
+/// The compiler that is wanted, or the first of those that are here.
+pub fn choose_here(project: &Project, wanted: Option<Toolchain>) -> Result<Option<Toolchain>> {
+    Ok(choose(wanted, rustup_has_target(project)?, debian_has_core(project)))
+}
+
+/// The cargo that belongs to a compiler.
+pub fn command(project: &Project, toolchain: Toolchain) -> Command {
+    match toolchain {
+        Toolchain::Rustup => project.cargo(),
+        Toolchain::Debian => debian_cargo(project),
+    }
+}
+
 fn choose(wanted: Option<Toolchain>, rustup: bool, debian: bool) -> Option<Toolchain> {
     let available = |toolchain: &Toolchain| match toolchain {
         Toolchain::Rustup => rustup,
@@ -60,7 +71,8 @@ fn choose(wanted: Option<Toolchain>, rustup: bool, debian: bool) -> Option<Toolc
     order.into_iter().find(available)
 }
 
-fn described(toolchain: Toolchain) -> &'static str {
+/// The compiler in words.
+pub fn described(toolchain: Toolchain) -> &'static str {
     match toolchain {
         Toolchain::Rustup => "rustup's target",
         Toolchain::Debian => "Debian's cargo-web, rustc-web and rust-web-src",
@@ -85,9 +97,20 @@ fn debian_cargo(project: &Project) -> Command {
             command.env_remove(&name);
         }
     }
+    // Debian's rustc brings no linker for the chip along; rustup's toolchain for this machine does.
+    if let Some(linker) = rustup_linker(project) {
+        command.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
+    }
     // -Zbuild-std is unstable; RUSTC_BOOTSTRAP lets the stable compiler take it. Only `core` is built, and only here.
     command.env("RUSTC_BOOTSTRAP", "1").env("PATH", format!("/usr/bin:{}", std::env::var("PATH").unwrap_or_default()));
     command
+}
+
+/// rust-lld, which lies beside rustup's standard library.
+fn rustup_linker(project: &Project) -> Option<PathBuf> {
+    let sysroot = output(project.command("rustc").args(["--print", "sysroot"])).ok()?;
+    let targets = Path::new(sysroot.trim()).join("lib/rustlib").read_dir().ok()?;
+    targets.flatten().map(|target| target.path().join("bin/rust-lld")).find(|linker| linker.exists())
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The first tier: the checks of every change, alone or all together.
 
 use crate::project::{Outcome, Project, passes};
-use crate::{arrows, bare, deny, tidy};
+use crate::{arrows, bare, deny, firmware, tidy};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -25,6 +25,8 @@ const STEPS: &[Step] = &[
         what: "the rooms that run on the chip, built for it",
         run: |project| bare::build(project, None),
     },
+    // Before the tests, which run these images and would build them in silence.
+    Step { name: "firmware", what: "the flash images", run: |project| firmware::build(project, None) },
     Step { name: "clippy", what: "lints, warnings denied", run: clippy },
     Step { name: "doc", what: "documentation, warnings denied", run: doc },
     Step { name: "test", what: "all tests", run: test },

@@ -2,7 +2,7 @@
 
 use crate::checks::{Step, run_steps, run_tests};
 use crate::project::{Outcome, Project};
-use crate::replay_big_log;
+use crate::{firmware, replay_big_log};
 use anyhow::{Result, bail};
 
 /// Cases per property where the environment does not say: about 80 times proptest's default of 256.
@@ -10,6 +10,7 @@ const PROPTEST_CASES: &str = "20000";
 
 const TASKS: &[Step] = &[
     Step { name: "tests", what: "every test in release, HYSTERON_LONG=1, 20000 cases per property", run: tests },
+    Step { name: "firmware-twice", what: "the flash images built twice, the same bytes", run: firmware::twice },
     Step {
         name: "replay-2gb",
         what: "a 2 GB log replayed under a 600 MB address limit, peak memory printed",

@@ -8,6 +8,7 @@ mod bare;
 mod checks;
 mod closed_loop;
 mod deny;
+mod firmware;
 mod long;
 mod project;
 mod replay_big_log;
@@ -43,6 +44,18 @@ enum Task {
         /// Which compiler builds them; by default rustup's where its target is installed, else Debian's
         #[arg(long = "with", value_enum)]
         toolchain: Option<bare::Toolchain>,
+    },
+    /// The flash images, built for thumbv7em-none-eabihf
+    Firmware {
+        /// Which compiler builds them; by default rustup's where its target is installed, else Debian's
+        #[arg(long = "with", value_enum)]
+        toolchain: Option<bare::Toolchain>,
+    },
+    /// Builds an image and flashes it with probe-rs
+    Flash {
+        /// The board: a file of firmware/src/bin
+        #[arg(default_value = "nucleo-g474re")]
+        board: String,
     },
     /// The dependency arrows between our rooms, held to the allowed list
     Arrows,
@@ -93,6 +106,8 @@ fn run(task: Task) -> Result<Outcome> {
         Task::Doc => checks::doc(&project),
         Task::Test => checks::test(&project),
         Task::NoStd { toolchain } => bare::build(&project, toolchain),
+        Task::Firmware { toolchain } => firmware::build(&project, toolchain),
+        Task::Flash { board } => firmware::flash(&project, &board),
         Task::Arrows => arrows::run(&project),
         Task::Tidy => tidy::run(&project),
         Task::Deny => deny::run(&project),

@@ -1,0 +1,113 @@
+//! `hysteron board run`: the flash image in closed loop from the command line. The image is built by `cargo xtask firmware`.
+
+mod support;
+
+use std::process::Command;
+use support::{Folder, PI1, PLANT, root, run};
+
+/// Where the image lies; `None`, and said so, where there is no compiler for the chip.
+fn image() -> Option<String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
+    let output = command.output().expect("cargo xtask firmware starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
+    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
+    if folder.is_none() {
+        println!("not run: no compiler for thumbv7em-none-eabihf is here");
+    }
+    Some(format!("{}/nucleo-g474re", folder?))
+}
+
+#[test]
+fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("board");
+    let call = |out: &str| {
+        format!(
+            "board run {image} --plant {PLANT} --controller {PI1} --reference step:80um --seconds 0.05 --out @/{out}"
+        )
+    };
+    let output = run(&folder, &call("a.csv"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let log = folder.read("a.csv");
+    assert!(log.contains("\ntime_s,command_V,displacement_um,reference_um,drive_V,limited_by\n"), "{log:.600}");
+    for key in ["# rate_hz: 20000\n", "# latency_us: 10\n", "# controller: pi1.toml\n", "# adc_lsb_um: 0.063"] {
+        assert!(log.contains(key), "{key}");
+    }
+    let report: serde_json::Value = serde_json::from_str(&folder.read("a.board.json")).unwrap();
+    assert_eq!(report["samples"], 1000);
+    assert_eq!(report["period_cycles"], serde_json::json!([8500, 8500]));
+    assert_eq!(report["latch_cycles"], serde_json::json!([1700, 1700]));
+    assert_eq!((&report["overruns"], &report["fault"]), (&0.into(), &"none".into()));
+    assert_eq!(report["instructions_from_flash"], 0);
+    // The step is reached, and the bender's limit is not.
+    let peak_um = report["peak_um"].as_f64().unwrap();
+    assert!((80.0..110.0).contains(&peak_um), "{peak_um}");
+    // The same call, the same bytes.
+    assert!(run(&folder, &call("b.csv")).status.success());
+    assert_eq!(log, folder.read("b.csv"));
+    // A log of the board is a log: replay takes it.
+    let replay = format!("replay --plant {PLANT} @/a.csv --out @/p.csv --initial relaxed --no-page --json");
+    let replayed = run(&folder, &replay);
+    let replayed: serde_json::Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    // Left is the ADC's quantisation, 63.5 nm / sqrt(12) = 18.3 nm, seen through no more than rounding.
+    let rms_um = replayed["rms_um"].as_f64().unwrap();
+    assert!((0.012..0.025).contains(&rms_um), "{rms_um}");
+}
+
+#[test]
+fn the_image_for_external_converters_runs_the_same_way() {
+    let Some(image) = image() else { return };
+    let image = image.replace("nucleo-g474re", "external-16bit");
+    let folder = Folder::new("board-external");
+    let line = format!(
+        "board run {image} --plant {PLANT} --controller {PI1} --reference sine:80um@100Hz --seconds 0.05 --out @/a.csv"
+    );
+    let output = run(&folder, &line);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let log = folder.read("a.csv");
+    // 260 um over 2^16.
+    assert!(log.contains("# adc_lsb_um: 0.00396") && log.contains("# board: external-16bit (virtual)"), "{log:.400}");
+    let report: serde_json::Value = serde_json::from_str(&folder.read("a.board.json")).unwrap();
+    assert_eq!((&report["latch_cycles"], &report["fault"]), (&serde_json::json!([1700, 1700]), &"none".into()));
+}
+
+#[test]
+fn wrong_calls_say_what_is_wrong() {
+    let folder = Folder::new("board-wrong");
+    let cases = [
+        (
+            "board run @/none.elf --plant models/thesis-phs.toml --command step:2V --seconds 1 --out @/x.csv",
+            3,
+            "cargo xtask firmware",
+        ),
+        (
+            "board run Cargo.toml --plant models/thesis-phs.toml --command step:2V --seconds 1 --out @/x.csv",
+            3,
+            "no 32-bit ELF",
+        ),
+        ("board run Cargo.toml --out @/x.csv --command step:2V", 2, "--plant"),
+    ];
+    for (line, code, words) in cases {
+        let output = run(&folder, line);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        assert!(said.contains(words) && said.lines().count() == 1, "{line}: {said}");
+    }
+    let Some(image) = image() else { return };
+    let cases = [
+        ("--controller controllers/pi1-unlimited.toml --reference step:80um", "finite on a board"),
+        ("--controller controllers/pi1.toml --reference step:80um --rate 21000", "does not divide"),
+        ("--command step:2um", "is a voltage"),
+        ("--command step:2V,shaped", "shaped"),
+    ];
+    for (arguments, words) in cases {
+        let line = format!("board run {image} --plant {PLANT} --seconds 0.01 --out @/x.csv {arguments}");
+        let output = run(&folder, &line);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
+        assert!(said.contains(words) && said.lines().count() == 1, "{line}: {said}");
+    }
+}

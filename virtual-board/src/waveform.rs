@@ -1,0 +1,143 @@
+//! A SPEC as a board plays it: segments and the samples of its table, as they go over the line.
+//!
+//! The same segments as `simulate` plays, from the same numbers, so that both play the same bits.
+
+use plant_sim::spec::{self, Part, Shape, Spec};
+use wire::{SegmentRecord, Wave};
+
+/// Samples of the board's table, and its segments; the identity states them, too.
+const TABLE_SAMPLES: usize = 4096;
+const SEGMENTS: usize = 16;
+
+/// A waveform, ready to be sent.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Waveform {
+    /// Its segments.
+    pub segments: Vec<SegmentRecord>,
+    /// Samples that its tables refer to.
+    pub table: Vec<f32>,
+}
+
+/// Why a board can't play a SPEC.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum WaveformError {
+    #[error("{kind}: {reason}")]
+    Part { kind: &'static str, reason: String },
+    #[error("`,shaped` is not played by a board: the controller file's [reference] shapes every reference")]
+    Shaped,
+    #[error("{segments} segments; a board holds {SEGMENTS}: use a shorter SPEC")]
+    TooManySegments { segments: usize },
+    #[error(
+        "{samples} samples of table; a board holds {TABLE_SAMPLES}: use a shorter file, or a higher lowest line or rate"
+    )]
+    TooLong { samples: usize },
+}
+
+impl Waveform {
+    /// Lays `spec` out at `rate_hz`.
+    ///
+    /// # Errors
+    /// [`WaveformError`].
+    pub fn new(spec: &Spec, rate_hz: f64) -> Result<Waveform, WaveformError> {
+        if spec.shaped() {
+            return Err(WaveformError::Shaped);
+        }
+        let mut waveform = Waveform::default();
+        for part in &spec.parts {
+            waveform.add(part, rate_hz)?;
+        }
+        if waveform.segments.len() > SEGMENTS {
+            return Err(WaveformError::TooManySegments { segments: waveform.segments.len() });
+        }
+        if waveform.table.len() > TABLE_SAMPLES {
+            return Err(WaveformError::TooLong { samples: waveform.table.len() });
+        }
+        Ok(waveform)
+    }
+
+    fn add(&mut self, part: &Part, rate_hz: f64) -> Result<(), WaveformError> {
+        let fail = |reason: String| WaveformError::Part { kind: part.shape.kind(), reason };
+        let tables = spec::table(&part.shape, rate_hz).map_err(fail)?.unwrap_or_default();
+        let amplitude = part.amplitude as f32;
+        let whole = |seconds: f64| (seconds * rate_hz).round().clamp(1.0, f64::from(u32::MAX)) as u32;
+        let samples = part.seconds.map_or(u32::MAX, whole);
+        let wave = match &part.shape {
+            Shape::Zero => Wave::Hold { level: 0.0 },
+            Shape::Hold | Shape::Step => Wave::Hold { level: amplitude },
+            Shape::Square { hz } => Wave::Square { amplitude, frequency_hz: *hz as f32 },
+            Shape::Sine { hz } => Wave::Sine { amplitude, frequency_hz: *hz as f32 },
+            Shape::Triangle { hz } => Wave::Triangle { amplitude, frequency_hz: *hz as f32 },
+            Shape::Sweep { hz, log: false } => {
+                Wave::LinearSweep { amplitude, from_hz: hz[0] as f32, to_hz: hz[1] as f32 }
+            }
+            Shape::Sweep { hz, log: true } => Wave::LogSweep { amplitude, from_hz: hz[0] as f32, to_hz: hz[1] as f32 },
+            Shape::Ladder { levels, hold_s } => {
+                Wave::Ladder { amplitude, levels: *levels, hold_samples: whole(*hold_s) }
+            }
+            Shape::Multisine { periods, .. } => return self.add_tables(part, &tables, *periods, samples),
+            Shape::MinorLoops { .. } | Shape::File { .. } => return self.add_tables(part, &tables, 1, samples),
+        };
+        self.segments.push(SegmentRecord { wave, samples });
+        Ok(())
+    }
+
+    /// Each table `periods` times, the last one until the part's end.
+    fn add_tables(
+        &mut self,
+        part: &Part,
+        tables: &[Vec<f32>],
+        periods: u32,
+        samples: u32,
+    ) -> Result<(), WaveformError> {
+        // A file is as long as its samples where nothing else is said.
+        let alone = matches!(part.shape, Shape::File { .. }) && part.seconds.is_none();
+        let mut left = if alone { tables.iter().map(|table| table.len() as u32).sum() } else { samples };
+        for (index, table) in tables.iter().enumerate() {
+            let own = periods.saturating_mul(table.len() as u32);
+            let take = if index + 1 == tables.len() { left } else { own.min(left) };
+            if take > 0 {
+                let (offset, length) = (self.table.len(), table.len());
+                self.table.extend(table.iter().map(|sample| (f64::from(*sample) * part.amplitude) as f32));
+                if self.table.len() > TABLE_SAMPLES {
+                    return Err(WaveformError::TooLong { samples: self.table.len() });
+                }
+                let wave = Wave::Table { offset: offset as u16, length: length as u16 };
+                self.segments.push(SegmentRecord { wave, samples: take });
+            }
+            left -= take;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waveform(text: &str) -> Result<Waveform, WaveformError> {
+        Waveform::new(&Spec::parse(text).unwrap(), 20e3)
+    }
+
+    #[test]
+    fn parts_become_segments_with_their_lengths() {
+        let waveform = waveform("zero@0.1s+step:80um@0.2s+sine:50um@100Hz").unwrap();
+        let expected = [
+            SegmentRecord { wave: Wave::Hold { level: 0.0 }, samples: 2000 },
+            SegmentRecord { wave: Wave::Hold { level: 80e-6 }, samples: 4000 },
+            SegmentRecord { wave: Wave::Sine { amplitude: 50e-6, frequency_hz: 100.0 }, samples: u32::MAX },
+        ];
+        assert_eq!(waveform.segments, expected);
+        assert!(waveform.table.is_empty());
+    }
+
+    #[test]
+    fn a_multisine_is_a_table_and_one_too_long_is_refused() {
+        let short = waveform("multisine:20V@10-2000Hz,periods=4,realisations=2,seed=7").unwrap();
+        assert_eq!((short.segments.len(), short.table.len()), (2, 4000));
+        assert_eq!(short.segments[1].wave, Wave::Table { offset: 2000, length: 2000 });
+        let long = waveform("multisine:20V@1-2000Hz,periods=4,realisations=2,seed=7").unwrap_err();
+        assert_eq!(long, WaveformError::TooLong { samples: 20_000 });
+        assert_eq!(waveform("step:80um,shaped").unwrap_err(), WaveformError::Shaped);
+    }
+}

@@ -1,0 +1,85 @@
+//! The image for external 16-bit converters: the same law behind another pair of converters, which is what the board file is for.
+#![allow(clippy::unwrap_used, reason = "a test may unwrap, as clippy.toml says, and so may what tests share")]
+
+mod support;
+
+use control_core::{AdcCode, Command, Controller, FaultCode, Generator, Input, Law, ModeName, Segment};
+use support::external_board;
+use virtual_board::{Heard, VirtualBoard, Wire};
+use wire::{Converters, Parameters, SegmentRecord, ToBoard, Wave};
+
+const MID: u16 = 1 << 15;
+
+fn start(board: &mut VirtualBoard) {
+    board.order(&ToBoard::WaveClear).unwrap();
+    let wave = Wave::Sine { amplitude: 80e-6, frequency_hz: 50.0 };
+    board.order(&ToBoard::WaveSegment(SegmentRecord { wave, samples: u32::MAX })).unwrap();
+    board.order(&ToBoard::WaveUse { is_closed_loop: true }).unwrap();
+    board.order(&ToBoard::Arm).unwrap();
+    board.order(&ToBoard::Run).unwrap();
+}
+
+#[test]
+fn the_seam_holds_sixteen_bits_the_same_law_and_the_same_latch() {
+    let Some(mut board) = external_board() else { return };
+    let Heard::Identity { board: name, converters, .. } = board.ask(&ToBoard::Hello).unwrap() else { panic!() };
+    assert_eq!((name.as_str(), converters), ("external-16bit", Converters::EXTERNAL_16BIT));
+    start(&mut board);
+    for _ in 0..10 {
+        board.run_samples(2000).unwrap();
+        board.status().unwrap();
+    }
+    let status = board.status().unwrap();
+    assert_eq!((status.fault, status.overruns, status.mode), (0, 0, ModeName::Running as u8));
+    assert_eq!(board.machine.cost().from_flash, 0);
+    let rows = std::mem::take(&mut board.machine.chip().rows);
+    assert!(rows.windows(2).all(|two| two[1].hold_cycle - two[0].hold_cycle == 8500));
+    assert!(rows.iter().all(|row| row.latch_cycle - row.hold_cycle == 1700));
+    // Bit for bit: the law on the host with the codes that this ADC delivered.
+    let parameters = Parameters::EXTERNAL_PI1;
+    let calibration = parameters.check(&Converters::EXTERNAL_16BIT).unwrap().calibration;
+    let law = Law::try_build(&parameters.settings()).unwrap();
+    let segments = [Segment::sine(20e3, 80e-6, 50.0, u32::MAX).unwrap()];
+    let generator = Generator::new(&segments);
+    let moved = rows.iter().position(|row| row.dac != MID).unwrap();
+    let agrees = |begin: usize| {
+        let mut controller = Controller::new(law);
+        controller.arm().unwrap();
+        controller.run().unwrap();
+        rows[begin..].iter().all(|row| {
+            let measured_m = calibration.displacement_m(AdcCode(row.adc));
+            let input = Input { command: Command::GeneratedReference(&generator), measured_m };
+            calibration.dac_code(controller.tick(&input).drive_v).0 == row.dac
+        })
+    };
+    assert!((moved - 4..=moved).any(agrees));
+    assert!(rows.len() - moved > 19_990);
+    // The loop's ripple at 12 bits is codes of 63 nm; here the error from sample to sample is below a tenth of that.
+    let step_m = calibration.displacement_m_per_code();
+    assert!((step_m - 3.97e-9).abs() < 0.01e-9, "{step_m}");
+    assert!(rows.iter().any(|row| row.adc % 16 != 0) && rows.iter().any(|row| row.dac % 16 != 0));
+}
+
+#[test]
+fn its_faults_end_in_the_safe_state_too() {
+    for (wire, code) in [(Wire::Open, FaultCode::SensorRail), (Wire::Shorted, FaultCode::SensorRail)] {
+        let Some(mut board) = external_board() else { return };
+        start(&mut board);
+        board.run_samples(1000).unwrap();
+        board.machine.chip().bench.wire = wire;
+        board.run_samples(40).unwrap();
+        assert_eq!(board.status().unwrap().fault, code.number());
+        let last = *board.machine.chip().rows.last().unwrap();
+        assert!(last.dac == MID && !last.is_enabled, "{last:?}");
+    }
+    // A hung image: the watchdog, then disarmed.
+    let Some(mut board) = external_board() else { return };
+    start(&mut board);
+    board.run_samples(1000).unwrap();
+    board.machine.hang();
+    let limit = board.machine.now() + 20_000_000;
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    assert!(!board.machine.chip().bench.is_amplifier_on());
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+}

@@ -1,0 +1,363 @@
+//! Faults, each injected, each ending in its safe state: fault code latched, drive at mid-code by the ramp, ENABLE still, and nothing
+//! moves again before clear_fault.
+#![allow(clippy::unwrap_used, reason = "a test may unwrap, as clippy.toml says, and so may what tests share")]
+
+mod support;
+
+use control_core::{FaultCode, ModeName};
+use support::{bench, board, image};
+use virtual_board::{Heard, Reset, VirtualBoard, Wire};
+use wire::{InputSource, Parameters, ResetCause, SegmentRecord, ToBoard, Wave};
+
+const MID: u16 = 2048;
+/// The ramp from 60 V at 20 V a sample takes 15/8 60 / 20 + 1 = 6 samples; 20 more for the amplifier's fall-back: 1 ms.
+const SETTLED: u64 = 6 + 20;
+
+/// A loop that holds 80 um, 0.1 s after its start.
+fn running() -> Option<VirtualBoard> {
+    let mut board = board()?;
+    run(&mut board);
+    Some(board)
+}
+
+fn run(board: &mut VirtualBoard) {
+    board.order(&ToBoard::WaveClear).unwrap();
+    let wave = SegmentRecord { wave: Wave::Hold { level: 80e-6 }, samples: u32::MAX };
+    board.order(&ToBoard::WaveSegment(wave)).unwrap();
+    board.order(&ToBoard::WaveUse { is_closed_loop: true }).unwrap();
+    board.order(&ToBoard::Arm).unwrap();
+    board.order(&ToBoard::Run).unwrap();
+    board.run_samples(2000).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Running as u8, 0));
+    let mut chip = board.machine.chip();
+    let last = *chip.rows.last().expect("samples");
+    assert!(last.is_enabled && last.dac > MID + 400, "{last:?}");
+    chip.rows.clear();
+}
+
+/// The fault is latched, came by itself, within `within` samples from now; then the safe state.
+fn ends_safe(board: &mut VirtualBoard, code: FaultCode, within: u64) {
+    board.unasked.clear();
+    let before = board.machine.chip().rows.len();
+    board.run_samples(within + SETTLED).unwrap();
+    {
+        let chip = board.machine.chip();
+        let after = &chip.rows[before + within as usize..];
+        let last = after.last().expect("samples");
+        assert!(last.dac == MID && !last.is_enabled, "{code}: {last:?}");
+        assert!(!chip.gpio[1].level(5), "{code}: ENABLE is high");
+        // The ramp moves by no more than the slew limit: 20 V of 90 / 1.45 * 3.3 / 4096 V a code are 399.9 codes.
+        for two in chip.rows[before..].windows(2) {
+            assert!(two[0].dac.abs_diff(two[1].dac) <= 400, "{code}: {two:?}");
+        }
+    }
+    // Ends a frame that was cut.
+    board.send_bytes(&[0]);
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Fault as u8, code.number()), "{code}");
+    board.run_cycles(2_000_000).unwrap();
+    let told =
+        board.unasked.iter().any(|heard| matches!(heard, Heard::Fault { code: told, .. } if *told == code.number()));
+    assert!(told, "{code} was not reported: {:?}", board.unasked);
+    stays_safe(board);
+}
+
+/// Neither arm nor run is taken, and nothing moves.
+fn stays_safe(board: &mut VirtualBoard) {
+    for action in [ToBoard::Arm, ToBoard::Run] {
+        let refused = board.ask(&action).unwrap_err().to_string();
+        assert!(refused.contains("refused in mode fault"), "{refused}");
+    }
+    let before = board.machine.chip().rows.len();
+    board.run_samples(200).unwrap();
+    assert!(board.machine.chip().rows[before..].iter().all(|row| row.dac == MID && !row.is_enabled));
+}
+
+#[test]
+fn a_sensor_that_is_open_or_shorted_is_seen_in_the_next_sample() {
+    for wire in [Wire::Open, Wire::Shorted] {
+        let Some(mut board) = running() else { return };
+        board.machine.chip().bench.wire = wire;
+        ends_safe(&mut board, FaultCode::SensorRail, 1);
+        // Cleared with the wire still broken it does not start again; with a whole one it does.
+        board.order(&ToBoard::ClearFault).unwrap();
+        board.order(&ToBoard::Arm).unwrap();
+        board.run_samples(2).unwrap();
+        assert_eq!(board.status().unwrap().fault, FaultCode::SensorRail.number());
+        board.machine.chip().bench.wire = Wire::Whole;
+        board.order(&ToBoard::ClearFault).unwrap();
+        board.run_samples(4000).unwrap();
+        run(&mut board);
+    }
+}
+
+#[test]
+fn a_displacement_beyond_the_trip_is_seen_in_its_sample() {
+    let Some(mut board) = running() else { return };
+    // 125 um as an ADC code: beyond 120 um, not at the rail.
+    let code = support::calibration().adc_code(125e-6).0;
+    board.machine.chip().bench.fed = Some(Box::new(move |_| code));
+    ends_safe(&mut board, FaultCode::DisplacementTrip, 1);
+}
+
+#[test]
+fn a_dac_that_is_stuck_is_seen_by_the_monitor() {
+    let Some(mut board) = running() else { return };
+    board.machine.chip().stuck_dac = Some(MID + 200);
+    // 20 samples in a row; the pin itself can't be brought to mid-code, but ENABLE takes the amplifier off it.
+    board.run_samples(20 + 60).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!(status.fault, FaultCode::DriveMismatch.number());
+    let chip = board.machine.chip();
+    assert!(!chip.rows.last().expect("samples").is_enabled);
+    assert_eq!(chip.bench.drive_v(), 0.0);
+}
+
+#[test]
+fn silence_of_the_host_ramps_down_after_250_ms() {
+    let Some(mut board) = running() else { return };
+    // Cut in the middle of a frame.
+    board.send_bytes(&[3, 1, 1]);
+    board.run_samples(4990).unwrap();
+    assert!(board.machine.chip().rows.last().expect("samples").dac > MID + 400);
+    // The last request was heard some samples before the count began.
+    ends_safe(&mut board, FaultCode::LinkLoss, 12);
+}
+
+#[test]
+fn garbage_at_full_baud_neither_stops_nor_delays_the_loop() {
+    let Some(mut board) = running() else { return };
+    let mut noise = 1_u32;
+    let garbage: Vec<u8> = (0..60_000)
+        .map(|_| {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (noise >> 24) as u8
+        })
+        .collect();
+    board.send_bytes(&garbage);
+    // 60,000 bytes take 0.2 s.
+    board.run_samples(4000).unwrap();
+    board.send_bytes(&[0]);
+    board.run_samples(200).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault, status.overruns, status.lost_samples), (ModeName::Running as u8, 0, 0, 0));
+    assert!(status.bad_frames > 100, "{}", status.bad_frames);
+    let chip = board.machine.chip();
+    assert!(chip.rows.windows(2).all(|two| two[1].latch_cycle - two[0].latch_cycle == 8500));
+}
+
+#[test]
+fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
+    let Some(mut board) = running() else { return };
+    // One: the conversion ends 1,500 cycles late, the drive comes after its latch, the old one is held.
+    board.machine.chip().adc[0].late_cycles = 1500;
+    board.run_samples(1).unwrap();
+    board.machine.chip().adc[0].late_cycles = 0;
+    board.run_samples(300).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.overruns), (ModeName::Running as u8, 1));
+    // A storm: three within 256 samples.
+    board.machine.chip().adc[0].late_cycles = 1500;
+    board.run_samples(5).unwrap();
+    board.machine.chip().adc[0].late_cycles = 0;
+    ends_safe(&mut board, FaultCode::Overrun, 0);
+    assert!(board.status().unwrap().overruns >= 4);
+}
+
+#[test]
+fn an_emergency_stop_is_seen_in_the_next_sample() {
+    let Some(mut board) = running() else { return };
+    board.machine.chip().set_stop_chain(false);
+    ends_safe(&mut board, FaultCode::EmergencyStop, 1);
+    board.order(&ToBoard::ClearFault).unwrap();
+    // Armed with the chain open it trips at once.
+    board.order(&ToBoard::Arm).unwrap();
+    board.run_samples(2).unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::EmergencyStop.number());
+}
+
+#[test]
+fn a_stop_ramps_down_and_the_amplifier_goes_off() {
+    let Some(mut board) = running() else { return };
+    board.order(&ToBoard::Stop).unwrap();
+    board.run_samples(SETTLED + 2).unwrap();
+    let chip = board.machine.chip();
+    let last = chip.rows.last().expect("samples");
+    assert!(last.dac == MID && !last.is_enabled, "{last:?}");
+}
+
+/// Every reset cause: what the board comes up with.
+#[test]
+fn after_each_reset_the_board_is_disarmed_and_says_why() {
+    let causes = [
+        (Reset::Watchdog, ResetCause::Watchdog, FaultCode::WatchdogReset.number()),
+        (Reset::BrownOut, ResetCause::BrownOut, FaultCode::BrownOutReset.number()),
+        (Reset::Pin, ResetCause::Pin, 0),
+        (Reset::Software, ResetCause::Software, 0),
+    ];
+    for (reset, cause, fault) in causes {
+        let Some(mut board) = running() else { return };
+        board.machine.chip().request_reset(reset);
+        // At once: the pin floats to mid-code by its divider, ENABLE is pulled low.
+        board.run_cycles(1000).unwrap();
+        {
+            let chip = board.machine.chip();
+            assert_eq!(chip.output(), MID);
+            assert!(!chip.gpio[1].is_output(5) && !chip.gpio[1].level(5));
+        }
+        board.greet().unwrap();
+        let status = board.status().unwrap();
+        let mode = if fault == 0 { ModeName::Idle } else { ModeName::Fault };
+        assert_eq!((status.reset, status.mode, status.fault), (cause, mode as u8, fault), "{reset:?}");
+        board.run_samples(50).unwrap();
+        assert!(!board.machine.chip().rows.last().expect("samples").is_enabled);
+        if fault != 0 {
+            stays_safe(&mut board);
+            board.order(&ToBoard::ClearFault).unwrap();
+        }
+        run(&mut board);
+    }
+}
+
+#[test]
+fn power_on_is_no_brown_out() {
+    let Some(mut board) = board() else { return };
+    let status = board.status().unwrap();
+    assert_eq!((status.reset, status.mode, status.fault), (ResetCause::PowerOn, ModeName::Idle as u8, 0));
+}
+
+#[test]
+fn a_hung_image_is_reset_by_the_watchdog_and_comes_up_disarmed_in_fault() {
+    let Some(mut board) = running() else { return };
+    // The control interrupt never comes again, so the supervisor has nothing to feed the watchdog for.
+    board.machine.hang();
+    let before = board.machine.now();
+    let limit = before + 40_000_000;
+    let was_reset = board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap();
+    assert!(was_reset);
+    let waited = board.machine.now() - before;
+    // 100 ms at the latest, and 3.2 ms less at most since it was last fed.
+    assert!((16_000_000..=17_000_100).contains(&waited), "{waited}");
+    // Meanwhile ENABLE stood still and the amplifier went off.
+    assert!(!board.machine.chip().bench.is_amplifier_on());
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.reset, status.fault), (ResetCause::Watchdog, FaultCode::WatchdogReset.number()));
+    stays_safe(&mut board);
+}
+
+#[test]
+fn a_crystal_that_stops_or_never_starts_is_a_clock_fault() {
+    let Some(mut board) = running() else { return };
+    board.machine.chip().stop_crystal();
+    board.run_cycles(400_000).unwrap();
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.reset, status.fault), (ResetCause::Software, FaultCode::Clock.number()));
+    stays_safe(&mut board);
+}
+
+#[test]
+fn parameters_survive_a_reset_and_a_power_cut_at_any_word_leaves_a_whole_set() {
+    let Some(mut board) = board() else { return };
+    let saved = Parameters { kp_v_per_m: 4e5, ..Parameters::NUCLEO_PI1 };
+    board.order(&ToBoard::SetParameters(saved)).unwrap();
+    board.order(&ToBoard::SaveParameters).unwrap();
+    // One page erased, sixteen double words written.
+    assert_eq!(board.machine.chip().flash.works, 17);
+    let other = Parameters { kp_v_per_m: 3e5, ..saved };
+    let mut kept = saved;
+    for cut_after in 0..=17 {
+        // Before, during and after each of them: cut as soon as the work of that number has begun.
+        board.order(&ToBoard::SetParameters(other)).unwrap();
+        let before = board.machine.chip().flash.works;
+        board.send(&ToBoard::SaveParameters).unwrap();
+        let limit = board.machine.now() + 20_000_000;
+        if cut_after < 17 {
+            assert!(board.machine.run(limit, |chip| chip.flash.works > before + cut_after).unwrap());
+        } else {
+            board.run_cycles(8_000_000).unwrap();
+            kept = other;
+        }
+        board.machine.chip().request_reset(Reset::Pin);
+        board.run_cycles(1000).unwrap();
+        board.greet().unwrap();
+        assert_eq!(board.status().unwrap().fault, 0, "cut {cut_after}");
+        let Heard::Parameters(found) = board.ask(&ToBoard::GetParameters).unwrap() else { panic!("no parameters") };
+        assert_eq!(*found, kept, "cut {cut_after}");
+    }
+}
+
+#[test]
+fn a_broken_store_is_said_and_the_defaults_are_in_force() {
+    let Some(image) = image("nucleo-g474re") else { return };
+    let mut board = VirtualBoard::new(&image, &bench(), 1700);
+    // Page 126 of the second bank: something that is no record.
+    board.machine.chip().flash.plant(126 * 2048, [0x1234_5678, 0x9abc_def0]);
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Fault as u8, FaultCode::ParameterStore.number()));
+    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+    board.order(&ToBoard::ClearFault).unwrap();
+    run(&mut board);
+}
+
+#[test]
+fn a_nan_in_flash_is_not_put_in_force() {
+    let Some(mut board) = board() else { return };
+    board.order(&ToBoard::SaveParameters).unwrap();
+    // The same record with a NaN as Kp and a CRC that fits: as an older firmware might have left it.
+    let base = 126 * 2048;
+    let mut record: Vec<u8> = Vec::new();
+    for k in 0..16 {
+        let word = board.machine.chip().flash.peek(base + 8 * k);
+        record.extend(word.iter().flat_map(|half| half.to_le_bytes()));
+    }
+    record[16..20].copy_from_slice(&f32::NAN.to_le_bytes());
+    let crc = wire::crc32(&record[..124]);
+    record[124..].copy_from_slice(&crc.to_le_bytes());
+    for (k, word) in record.chunks(8).enumerate() {
+        let half = |at: usize| u32::from_le_bytes(word[at..at + 4].try_into().expect("four bytes"));
+        board.machine.chip().flash.plant(base + 8 * k as u32, [half(0), half(4)]);
+    }
+    board.machine.chip().request_reset(Reset::Pin);
+    board.run_cycles(1000).unwrap();
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::ParameterStore.number());
+    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+}
+
+#[test]
+fn faults_over_the_bridge_latch_too() {
+    let Some(mut board) = board() else { return };
+    board.order(&ToBoard::Input(InputSource::Bridge)).unwrap();
+    board.order(&ToBoard::Arm).unwrap();
+    let _ = board.ask(&ToBoard::BridgeSample { index: 0, displacement: 4095, monitor: MID }).unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::SensorRail.number());
+}
+
+/// A host of another version is told so, in words, and nothing of what it asks is done.
+#[test]
+fn another_version_is_refused_in_words() {
+    let Some(mut board) = board() else { return };
+    // Arm (message 2), as version 2 might write it, with a CRC that fits.
+    let mut plain = vec![wire::VERSION + 1, 1, 1, 2];
+    plain.extend(wire::crc32(&plain).to_le_bytes());
+    // COBS by hand: each run of bytes up to a 0 with its length before it.
+    let mut line = Vec::new();
+    for run in plain.split(|byte| *byte == 0) {
+        line.push(run.len() as u8 + 1);
+        line.extend(run);
+    }
+    line.push(0);
+    board.send_bytes(&line);
+    board.run_samples(100).unwrap();
+    let told = board.unasked.iter().find_map(|heard| match heard {
+        Heard::Refused { sequence: 0, reason } => Some(reason.clone()),
+        _ => None,
+    });
+    let told = told.expect("an answer");
+    assert!(told.contains("speaks version 2, this one version 1: flash the firmware"), "{told}");
+    assert_eq!(board.status().unwrap().mode, ModeName::Idle as u8);
+}

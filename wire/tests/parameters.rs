@@ -1,0 +1,63 @@
+//! A set of parameters is taken whole or refused with the field that is wrong.
+
+use control_core::SettingsError;
+use wire::{Converters, ParameterError, Parameters};
+
+const NUCLEO: Converters = Converters::NUCLEO_G474RE;
+
+fn good() -> Parameters {
+    Parameters::NUCLEO_PI1
+}
+
+#[test]
+fn the_defaults_of_the_board_are_sound() {
+    let checked = good().check(&NUCLEO).unwrap();
+    assert_eq!(checked.period_cycles, 8500);
+    assert_eq!(checked.link_timeout_samples, 5000);
+    // The monitor's pin sees the DAC's own 3.3 V: one of its codes is one of the DAC's.
+    assert!((checked.monitor_v_per_code - checked.calibration.drive_v_per_code()).abs() < 1e-6);
+    let fast = Parameters { rate_hz: 40e3, ..good() };
+    assert_eq!(fast.check(&NUCLEO).unwrap().period_cycles, 4250);
+}
+
+#[test]
+fn the_defaults_of_the_external_board_are_sound_and_sixteen_times_finer() {
+    let external = Parameters::EXTERNAL_PI1.check(&Converters::EXTERNAL_16BIT).unwrap();
+    let nucleo = good().check(&NUCLEO).unwrap();
+    let ratio = nucleo.calibration.displacement_m_per_code() / external.calibration.displacement_m_per_code();
+    assert!((ratio - 16.0).abs() < 1e-3, "{ratio}");
+}
+
+#[test]
+fn each_wrong_field_is_named() {
+    type Case = (Parameters, ParameterError);
+    let cases: [Case; 10] = [
+        (Parameters { kp_v_per_m: f32::NAN, ..good() }, SettingsError::NotFinite { field: "kp_v_per_m" }.into()),
+        (Parameters { slew_v_per_s: f32::INFINITY, ..good() }, ParameterError::Unlimited),
+        (
+            Parameters { rate_hz: 21e3, ..good() },
+            ParameterError::RateDoesNotDivide { rate_hz: 21e3, timer_hz: 170_000_000 },
+        ),
+        (Parameters { rate_hz: 60e3, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
+        (Parameters { rate_hz: 0.5, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
+        (Parameters { trip_m: 131e-6, ..good() }, ParameterError::TripBeyondSensor),
+        (
+            Parameters { sensor_m_per_v: f32::NAN, ..good() },
+            SettingsError::NotFinite { field: "sensor_m_per_v" }.into(),
+        ),
+        (Parameters { monitor_v_per_v: 0.0, ..good() }, ParameterError::NotPositive { field: "monitor_v_per_v" }),
+        (Parameters { overrun_limit: 0, ..good() }, ParameterError::NotPositive { field: "overrun_limit" }),
+        (Parameters { link_timeout_s: -1.0, ..good() }, ParameterError::NotPositive { field: "link_timeout_s" }),
+    ];
+    for (parameters, error) in cases {
+        assert_eq!(parameters.check(&NUCLEO), Err(error), "{error}");
+    }
+    let beyond = Parameters { drive_max_v: 92.0, ..good() }.check(&NUCLEO).unwrap_err().to_string();
+    assert!(beyond.starts_with("drive_min_v and drive_max_v must lie within -89."), "{beyond}");
+}
+
+#[test]
+fn a_board_may_run_alone_and_without_a_monitor() {
+    let alone = Parameters { link_timeout_s: f32::INFINITY, monitor_tolerance_v: f32::INFINITY, ..good() };
+    assert_eq!(alone.check(&NUCLEO).unwrap().link_timeout_samples, u32::MAX);
+}
