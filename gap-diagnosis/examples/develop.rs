@@ -69,7 +69,12 @@ fn main() {
         if verbose {
             if let Some(best) = found.explanations.first() {
                 for (record, sums) in bench.records.iter().zip(&best.candidate.found.normal.logs) {
-                    println!("    {} rms {:.1} nm noise {:.1} nm", record.log.name, 1e9 * (sums.squares_m2 / sums.rows as f64).sqrt(), 1e9 * record.noise_m);
+                    println!(
+                        "    {} rms {:.1} nm noise {:.1} nm",
+                        record.log.name,
+                        1e9 * (sums.squares_m2 / sums.rows as f64).sqrt(),
+                        1e9 * record.noise_m
+                    );
                 }
             }
             println!("    {:?}", found.scattered);

@@ -1,7 +1,6 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
 use super::bench::{Bench, Freedom, HeldOut};
-use super::descend::noise_weights;
 use super::evidence::{Judged, probabilities, unknown_score};
 use super::lines::lines;
 use super::normal::reader;
@@ -31,9 +30,14 @@ const PAIR_BEYOND: f64 = 0.06;
 /// .. which must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost: four sigma, and the look-elsewhere of nine numbers.
-const FREED_LEAST: f64 = 20.0;
+const FREED_LEAST: f64 = 12.0;
+/// The same beside an effect that was fitted.
+const FREED_BESIDES: f64 = 60.0;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise.
 const AT_NOISE: f64 = 1.06;
+/// What freeing one of a dozen directions must earn beyond its cost, and how much less likely an unknown effect is that leaves no gap.
+const LOOK_ELSEWHERE: f64 = 6.0;
+const NO_UNKNOWN: f64 = 5.0;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
 const START_SHARE: f64 = 0.4;
 
@@ -118,21 +122,27 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     }
     // What the nominal numbers imitate leaves the fit as it is: on the refit, and on the best explanation.
     if !gap {
-        explanations.extend(by_symmetry(bench, &refit, &refit, 0.0, floor, without));
+        explanations.extend(by_symmetry(bench, &refit, 0.0, floor, without, FREED_LEAST));
     } else if let Some(best) = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi)) {
-        explanations.extend(by_symmetry(bench, best, &refit, left(best.chi), floor, without));
+        // A wrong form bends the nominal numbers as well; only a fit at the noise can be believed about them.
+        if left(best.chi) < FOUND {
+            explanations.extend(by_symmetry(bench, best, left(best.chi), floor, without, FREED_BESIDES));
+        }
     }
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
-    // Last two: nothing at all, and unknown.
-    let nothing = Judged {
-        ids: Vec::new(),
-        left: if gap { 1.0 } else { 0.0 },
-        floor: 0.02,
-        prior_cost: refit.found.prior_cost,
-        parameters: 0,
-    };
-    scores.push(nothing.score());
-    scores.push(if gap { unknown_score() } else { nothing.score() - 6.0 });
+    // Last two: nothing at all, and unknown. Without a gap only the cost of the shifts speaks, and it is a proper chi-square.
+    if gap {
+        let left = 1.0;
+        let nothing = Judged { ids: Vec::new(), left, floor, prior_cost: refit.found.prior_cost, parameters: 0 };
+        scores.extend([nothing.score(), unknown_score()]);
+    } else {
+        for (score, explanation) in scores.iter_mut().zip(&explanations) {
+            *score = -0.5 * explanation.judged.prior_cost - LOOK_ELSEWHERE;
+        }
+        let nothing = -0.5 * refit.found.prior_cost;
+        let best = scores.iter().copied().fold(nothing, f64::max);
+        scores.extend([nothing, best - NO_UNKNOWN]);
+    }
     let probabilities = probabilities(&scores);
     for (explanation, &probability) in explanations.iter_mut().zip(&probabilities) {
         explanation.probability = probability;
@@ -349,15 +359,14 @@ fn by_scatter(scattered: &Scattered, refit: &Candidate, floor: f64, without: &[&
 fn by_symmetry(
     bench: &Bench<'_>,
     fit: &Candidate,
-    refit: &Candidate,
     left: f64,
     floor: f64,
     without: &[&str],
+    least: f64,
 ) -> Vec<Explanation> {
-    let _ = (refit, noise_weights(bench));
     freed(bench, &fit.hypothesis, &fit.found)
         .into_iter()
-        .filter(|f| !without.contains(&f.effect) && f.gain() > FREED_LEAST)
+        .filter(|f| !without.contains(&f.effect) && f.gain() > least)
         .map(|freed| {
             let mut ids = fit.hypothesis.ids();
             ids.push(freed.effect);

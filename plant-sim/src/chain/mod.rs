@@ -20,7 +20,7 @@ mod waveform;
 
 pub use drive::{Drive, Heat, Warming};
 pub use lag::Lag;
-pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts};
+pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
 pub use sensor::{Drift, Line, Sensor, SensorState};
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
@@ -142,9 +142,8 @@ impl Simulator {
             let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
             let count =
                 if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { 1 };
-            let laws = parts
-                .need_substeps()
-                .then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
+            let laws =
+                parts.need_substeps().then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
             let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
             (Pace::Fine { waveform, laws, count }, Spans::whole(sample_s / count as f64))
         } else {
@@ -165,7 +164,7 @@ impl Simulator {
             plant: chain.plant.clone(),
             drive: chain.drive.clone(),
             stepper: stepper(&dynamics, spans),
-            readout: Readout::new(&chain.sensor, sample_s, lag.is_some()),
+            readout: Readout::new(&chain.sensor, &parts.creep, sample_s, lag.is_some()),
             outside: outside.collect(),
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),

@@ -13,6 +13,8 @@ pub struct Parts {
     pub modes: Vec<Mode>,
     /// Deviations of hysterons.
     pub bends: Vec<Bend>,
+    /// Creep seen beside the structure: the reading is q + sum of share times q through a low-pass of this time constant.
+    pub creep: Vec<Relaxation>,
     /// Whether laws that are not affine may be followed to tens of nanometres at corners instead of to one: several times faster, for
     /// searches that simulate a thousand times.
     pub is_coarse: bool,
@@ -23,6 +25,15 @@ impl Parts {
     pub(super) fn need_substeps(&self) -> bool {
         !self.forces.is_empty() || !self.bends.is_empty()
     }
+}
+
+/// One element of a relaxation spectrum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relaxation {
+    /// Share of the displacement that it adds in the end.
+    pub share: f64,
+    /// Time constant in seconds.
+    pub time_constant_s: f64,
 }
 
 /// A force on the moving mass, positive against positive displacement or velocity.

@@ -2,7 +2,7 @@
 
 use super::parts::add_hysteron;
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::Chain;
+use crate::chain::{Chain, Relaxation};
 
 effect!(Creep, "creep", Actuator);
 
@@ -23,6 +23,9 @@ const ABOUT: About = About {
     spec: "ladder:60V/4,hold=10s",
 };
 
+/// Time constants of the spectrum in seconds, and the names of the shares that relax with them.
+const SPECTRUM_S: [f64; 5] = [0.008, 0.04, 0.2, 1.0, 5.0];
+const SHARES: [&str; 5] = ["share_8ms", "share_40ms", "share_200ms", "share_1s", "share_5s"];
 /// Elements of the logarithmic form, and the factor between their time constants.
 const ELEMENTS: i32 = 4;
 
@@ -82,5 +85,15 @@ const FORMS: &[Form] = &[
             ]
         },
         |chain, p| (0..ELEMENTS).for_each(|i| add(chain, p[0], p[1] * p[2].powi(i))),
+    ),
+    Form::predictable(
+        "spectrum",
+        // Creep beside the structure, q + sum share_i q / (1 + s tau_i), on fixed time constants: logarithm, power law and any chain of
+        // Kelvin-Voigt elements are sums of these.
+        |_| SHARES.map(|name| Parameter::amplitude(name, "", [0.0, 0.5], 0.003)).to_vec(),
+        |chain, p| {
+            let elements = p.iter().zip(SPECTRUM_S);
+            chain.parts.creep.extend(elements.map(|(&share, time_constant_s)| Relaxation { share, time_constant_s }));
+        },
     ),
 ];
