@@ -274,7 +274,13 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, line_hz: &[f64], without: &[&str
                     let is_line = axis.parameter.name == "line_hz";
                     let [low, high] = axis.parameter.bounds;
                     let lines: Vec<f64> = line_hz.iter().copied().filter(|hz| (low..=high).contains(hz)).collect();
-                    if is_line { lines } else { axis.starts() }
+                    // A resonance narrower than the spacing of the starts shows as a line under a broad excitation.
+                    let is_resonance = axis.parameter.name == "natural_hz" && effect.id() == "vibration_mode";
+                    match (is_line, is_resonance) {
+                        (true, _) => lines,
+                        (_, true) => axis.starts().into_iter().chain(lines).collect(),
+                        _ => axis.starts(),
+                    }
                 })
                 .collect();
             let mut grid = vec![Vec::new()];

@@ -20,7 +20,7 @@ mod waveform;
 
 pub use drive::{Drive, Heat, Warming};
 pub use lag::Lag;
-pub use parts::{Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
+pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
 pub use sensor::{Drift, Line, Sensor, SensorState};
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
@@ -164,7 +164,7 @@ impl Simulator {
             plant: chain.plant.clone(),
             drive: chain.drive.clone(),
             stepper: stepper(&dynamics, spans),
-            readout: Readout::new(&chain.sensor, &parts.creep, sample_s, lag.is_some()),
+            readout: Readout::new(&chain.sensor, parts, sample_s, lag.is_some()),
             outside: outside.collect(),
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),

@@ -15,6 +15,8 @@ pub struct Parts {
     pub bends: Vec<Bend>,
     /// Creep seen beside the structure: the reading is q + sum of share times q through a low-pass of this time constant.
     pub creep: Vec<Relaxation>,
+    /// Arms between structure and target: the reading is q + share (s - q), s a resonant follower of q.
+    pub arms: Vec<Arm>,
     /// Whether laws that are not affine may be followed to tens of nanometres at corners instead of to one: several times faster, for
     /// searches that simulate a thousand times.
     pub is_coarse: bool,
@@ -25,6 +27,17 @@ impl Parts {
     pub(super) fn need_substeps(&self) -> bool {
         !self.forces.is_empty() || !self.bends.is_empty()
     }
+}
+
+/// A flexible arm that carries the sensor's target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arm {
+    /// Share of the reading that the arm carries.
+    pub share: f64,
+    /// Natural frequency in Hz.
+    pub hz: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
 }
 
 /// One element of a relaxation spectrum.

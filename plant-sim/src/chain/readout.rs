@@ -3,7 +3,7 @@
 //! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
 use super::lag::LagState;
-use super::{Relaxation, Sensor};
+use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
 /// The sensor's state.
 pub(super) struct Readout {
@@ -17,12 +17,14 @@ pub(super) struct Readout {
     creep: Vec<Relaxation>,
     /// What each element of the creep has relaxed to, metres.
     relaxed_m: Vec<f64>,
-    structure_m: f64,
+    arms: Vec<(Arm, LagState)>,
+    /// Displacement and velocity of the structure at this sample.
+    structure: [f64; 2],
 }
 
 impl Readout {
     /// `lagged` says that what arrives here has passed the lag already.
-    pub(super) fn new(sensor: &Sensor, creep: &[Relaxation], sample_s: f64, lagged: bool) -> Self {
+    pub(super) fn new(sensor: &Sensor, parts: &Parts, sample_s: f64, lagged: bool) -> Self {
         let lag = if lagged { None } else { sensor.lag };
         Self {
             sensor: Sensor { lag, ..sensor.clone() },
@@ -31,17 +33,19 @@ impl Readout {
             behind_m: 0.0,
             behind_m_per_s: 0.0,
             lag: LagState::default(),
-            creep: creep.to_vec(),
-            relaxed_m: vec![0.0; creep.len()],
-            structure_m: 0.0,
+            creep: parts.creep.clone(),
+            relaxed_m: vec![0.0; parts.creep.len()],
+            arms: parts.arms.iter().map(|arm| (*arm, LagState::default())).collect(),
+            structure: [0.0; 2],
         }
     }
 
     /// At rest at `displacement_m`, at the middle of the play.
     pub(super) fn rest_at(&mut self, displacement_m: f64) {
         self.relaxed_m.fill(displacement_m);
-        self.structure_m = displacement_m;
-        let seen_m = self.crept_m(displacement_m);
+        self.structure = [displacement_m, 0.0];
+        self.arms.iter_mut().for_each(|(_, follower)| *follower = LagState::at(displacement_m));
+        let seen_m = self.seen_m();
         (self.behind_m, self.behind_m_per_s, self.lag) = (seen_m, 0.0, LagState::at(seen_m));
     }
 
@@ -49,32 +53,46 @@ impl Readout {
     #[inline]
     pub(super) fn advance(&mut self, displacement_m: f64, velocity_m_per_s: f64) {
         self.sample += 1;
-        let displacement_m = if self.creep.is_empty() { displacement_m } else { self.relax(displacement_m) };
+        let displacement_m = if self.creep.is_empty() && self.arms.is_empty() {
+            displacement_m
+        } else {
+            self.follow(displacement_m, velocity_m_per_s)
+        };
         let half_m = 0.5 * self.sensor.play_m;
         let now_m = self.behind_m.clamp(displacement_m - half_m, displacement_m + half_m);
         let now_m_per_s = if now_m == self.behind_m && half_m > 0.0 { 0.0 } else { velocity_m_per_s };
         if self.sensor.lag.is_some() {
-            let (t, from, to) = (self.sample_s, self.behind_m_per_s, now_m_per_s);
-            let mean = (now_m - self.behind_m) / t;
-            // Hermite's cubic through both ends.
-            let cubic = [self.behind_m, from, (3.0 * mean - 2.0 * from - to) / t, (from + to - 2.0 * mean) / (t * t)];
-            self.lag.pass(self.sensor.lag, cubic, t);
+            let cubic = hermite([self.behind_m, self.behind_m_per_s], [now_m, now_m_per_s], self.sample_s);
+            self.lag.pass(self.sensor.lag, cubic, self.sample_s);
         }
         (self.behind_m, self.behind_m_per_s) = (now_m, now_m_per_s);
     }
 
-    /// Lets every element follow the mean of the displacement over the sample; returns the displacement with all of them.
-    fn relax(&mut self, displacement_m: f64) -> f64 {
-        let mean_m = 0.5 * (self.structure_m + displacement_m);
+    /// Lets creep and arms follow the structure over the sample; returns the displacement with all of them.
+    fn follow(&mut self, displacement_m: f64, velocity_m_per_s: f64) -> f64 {
+        let [from_m, from_m_per_s] = self.structure;
+        let mean_m = 0.5 * (from_m + displacement_m);
         for (element, relaxed_m) in self.creep.iter().zip(&mut self.relaxed_m) {
             *relaxed_m -= (-self.sample_s / element.time_constant_s).exp_m1() * (mean_m - *relaxed_m);
         }
-        self.structure_m = displacement_m;
-        self.crept_m(displacement_m)
+        let path = hermite([from_m, from_m_per_s], [displacement_m, velocity_m_per_s], self.sample_s);
+        for (arm, follower) in &mut self.arms {
+            let natural_rad_per_s = std::f64::consts::TAU * arm.hz;
+            follower.pass(
+                Some(Lag::Second { natural_rad_per_s, damping_ratio: arm.damping_ratio }),
+                path,
+                self.sample_s,
+            );
+        }
+        self.structure = [displacement_m, velocity_m_per_s];
+        self.seen_m()
     }
 
-    fn crept_m(&self, displacement_m: f64) -> f64 {
-        displacement_m + self.creep.iter().zip(&self.relaxed_m).map(|(c, relaxed_m)| c.share * relaxed_m).sum::<f64>()
+    fn seen_m(&self) -> f64 {
+        let q = self.structure[0];
+        let crept: f64 = self.creep.iter().zip(&self.relaxed_m).map(|(c, relaxed_m)| c.share * relaxed_m).sum();
+        let swung: f64 = self.arms.iter().map(|(arm, follower)| arm.share * (follower.value() - q)).sum();
+        q + crept + swung
     }
 
     /// The reading at this sample.
@@ -83,4 +101,10 @@ impl Readout {
         let seen_m = if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m };
         self.sensor.predictable_m(seen_m, self.sample as f64 * self.sample_s)
     }
+}
+
+/// Hermite's cubic through values and slopes at both ends.
+fn hermite([from, from_slope]: [f64; 2], [to, to_slope]: [f64; 2], t: f64) -> [f64; 4] {
+    let mean = (to - from) / t;
+    [from, from_slope, (3.0 * mean - 2.0 * from_slope - to_slope) / t, (from_slope + to_slope - 2.0 * mean) / (t * t)]
 }

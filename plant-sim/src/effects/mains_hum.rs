@@ -9,7 +9,7 @@ effect!(MainsHum, "mains_hum", Environment);
 const ABOUT: About = About {
     title: "mains hum",
     what: "The mains reach the reading, at their frequency and its harmonics.",
-    equation: "y = q + sum over h = 1, 2, 3 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, \
+    equation: "y = q + sum over h = 1 .. 5 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, \
                f: 50 or 60 Hz exactly, t: time since the log's start, a_h and b_h: of each log, since nothing ties \
                their phase to the log's start",
     source: "common form, size assumed",
@@ -22,7 +22,13 @@ const ABOUT: About = About {
     spec: "zero@10s",
 };
 
-const AMPLITUDES: [[&str; 2]; 3] = [["cos_1_m", "sin_1_m"], ["cos_2_m", "sin_2_m"], ["cos_3_m", "sin_3_m"]];
+const AMPLITUDES: [[&str; 2]; 5] = [
+    ["cos_1_m", "sin_1_m"],
+    ["cos_2_m", "sin_2_m"],
+    ["cos_3_m", "sin_3_m"],
+    ["cos_4_m", "sin_4_m"],
+    ["cos_5_m", "sin_5_m"],
+];
 
 fn parameters(scales: &Scales<'_>) -> Vec<Parameter> {
     AMPLITUDES.into_iter().flat_map(|names| phasor(names, "m", scales.stroke_m, 2e-4 * scales.stroke_m)).collect()

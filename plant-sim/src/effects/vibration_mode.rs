@@ -2,7 +2,7 @@
 
 use super::parts::TINY;
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::{Joint, Mode};
+use crate::chain::{Arm, Joint, Mode};
 
 effect!(VibrationMode, "vibration_mode", Structure);
 
@@ -66,5 +66,13 @@ const FORMS: &[Form] = &[
                 damping_ratio: p[2],
             });
         },
+    ),
+    Form::predictable(
+        "arm",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            vec![Parameter::signed("arm_share", "", 0.9, 0.01), hz, damping_ratio]
+        },
+        |chain, p| chain.parts.arms.push(Arm { share: p[0], hz: p[1], damping_ratio: p[2] }),
     ),
 ];
