@@ -26,7 +26,7 @@ pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 
     let seed = seed.unwrap_or_else(clock);
-    let folder = std::env::temp_dir().join("hysteron-demo");
+    let folder = std::env::temp_dir().join(format!("hysteron-demo-{seed}"));
     fs::create_dir_all(&folder).map_err(|e| Failure::unwritable(&folder, &e))?;
     output::line(&format!(
         "\n1. A bench is made from seed {seed}: the thesis' actuator, its numbers off by their sigma, its sensor noisy, and one\n   \

@@ -100,7 +100,7 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, seed: u64) -> Gap {
             if !is_scored(benches, index, row) {
                 continue;
             }
-            let square = |played: &Played| (measured - played.predicted_m[row]).powi(2);
+            let square = |played: &Played| (measured - played[row]).powi(2);
             let sums = Sums([
                 1.0,
                 square(&three.nominal[index]),
@@ -186,11 +186,11 @@ fn predicted(benches: &Benches<'_>, three: &Three) -> f64 {
         let augmented = &three.augmented[index];
         let noise2 = record.noise_m.powi(2);
         for (row, &measured) in record.log.displacement_m.iter().enumerate() {
-            let difference2 = (three.nominal[index].predicted_m[row] - augmented.predicted_m[row]).powi(2);
+            let difference2 = (three.nominal[index][row] - augmented[row]).powi(2);
             if is_scored(benches, index, row) {
                 headline.iter_mut().zip([1.0, difference2, noise2]).for_each(|(sum, more)| *sum += more);
             } else if index < benches.fitted.records.len() && row >= record.run_in {
-                let left2 = (measured - augmented.predicted_m[row]).powi(2) - noise2;
+                let left2 = (measured - augmented[row]).powi(2) - noise2;
                 fitted.iter_mut().zip([1.0, difference2, left2]).for_each(|(sum, more)| *sum += more);
             }
         }
@@ -211,7 +211,7 @@ fn excess2(benches: &Benches<'_>, played: &[Played]) -> f64 {
         for (row, &measured) in record.log.displacement_m.iter().enumerate() {
             if is_scored(benches, index, row) {
                 rows += 1.0;
-                sum += (measured - played[index].predicted_m[row]).powi(2) - record.noise_m.powi(2);
+                sum += (measured - played[index][row]).powi(2) - record.noise_m.powi(2);
             }
         }
     }
