@@ -56,7 +56,7 @@ pub enum DiagnoseError {
     },
     /// Logs that can't be of one bench in one unit.
     #[error(
-        "{log} moves {ratio} times as far as {other} for the same volts: the logs disagree in units or sign; give the odd one's by itself in the unit of the others"
+        "{log} moves {ratio} times as far as {other} for the same volts: the logs disagree in units or sign; convert the odd one, or name its unit in its column's name"
     )]
     UnitsDisagree {
         /// The log that stands out.
