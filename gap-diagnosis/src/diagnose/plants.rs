@@ -63,14 +63,6 @@ impl<'a> Benches<'a> {
         played
     }
 
-    /// The same for the logs that the headline scores; nothing for the others.
-    pub fn play_headline(&self, variant: &Variant) -> Vec<Played> {
-        if self.held.is_none() {
-            return self.play(variant);
-        }
-        self.fitted.records.iter().map(|_| Vec::new()).chain(self.play_held(variant)).collect()
-    }
-
     fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
