@@ -13,13 +13,17 @@ use std::path::{Path, PathBuf};
     name = "hysteron",
     version,
     subcommand_help_heading = "Commands",
-    after_help = "Without a command: what the program can do and a short demonstration.
+    args_conflicts_with_subcommands = true,
+    after_help = "Without a command: a demonstration on a made bench, about a minute.
 Example:
   hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz \\
     --rate 10000 --seconds 1 --out sine.csv
 Exit codes: 0 done, 2 wrong call, 3 bad input file, 4 did not converge."
 )]
 pub struct Arguments {
+    /// Without a command: the seed that the made bench is drawn from; from the clock where not given
+    #[arg(long)]
+    pub seed: Option<u64>,
     #[command(subcommand)]
     pub command: Option<Command>,
 }

@@ -584,7 +584,15 @@ fn wrong_calls_are_one_line_too() {
         "hysteron: unrecognized subcommand 'simulate '; tip: a similar subcommand exists: 'simulate'; see `hysteron --help`\n",
     );
     // Help is an answer.
-    for call in ["--help", "simulate --help", "replay --help", "identify --help", "effects --help", "--version"] {
+    for call in [
+        "--help",
+        "simulate --help",
+        "replay --help",
+        "identify --help",
+        "diagnose --help",
+        "effects --help",
+        "--version",
+    ] {
         let output = hysteron(call.split(' '));
         assert_eq!((succeeded(&output), stdout(&output).is_empty()), (String::new(), false), "{call}");
         assert!(call == "--version" || stdout(&output).contains("\n  hysteron "), "{call} shows no example");

@@ -1,100 +1,119 @@
-//! `hysteron` alone: what it can do, shown on a made bench, each step as a call that can be repeated.
+//! `hysteron` alone: a bench is made with an effect that nobody is told of, diagnosed, and only then is the seal opened.
 
-use crate::arguments::Arguments;
+use crate::arguments::{Arguments, Command};
 use crate::failure::Failure;
 use crate::output;
+use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
 use clap::Parser;
-use plant_sim::model::Model;
-use plant_sim::param::Param;
+use gap_diagnosis::diagnose::Diagnosis;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use std::path::Path;
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The thesis' plant and controller; the demonstration works wherever the command is run.
-const PLANT: &str = include_str!("../../models/thesis-phs.toml");
-const CONTROLLER: &str = include_str!("../../controllers/pi1.toml");
-/// How far the made bench is from its model, as a natural logarithm, and its sensor's noise.
-const SPREAD: f64 = 0.1;
-const NOISE_UM: f64 = 0.02;
-const SEED: u64 = 1;
-/// Steps and sines that open the dead zones of both hysterons within a second.
-const DRIVE: &str =
-    "hold:30V@0.1s+hold:55V@0.1s+hold:20V@0.1s+hold:-20V@0.1s+sine:74V@20Hz,for=0.3s+sine:68V@100Hz,for=0.3s";
+/// Seeds from the clock have so many digits that a person can type them again.
+const SEEDS: u64 = 1_000_000;
 
-pub fn demo() -> Result<(), Failure> {
+pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("hysteron makes a piezo actuator's simulation match its bench:\n");
     output::line("  simulate   the board's control law against a plant, or a plant alone");
     output::line("  replay     a measured log's command through a plant: how far off is the simulation?");
     output::line("  identify   fits a plant with hysterons to measured logs");
+    output::line("  diagnose   where plant and bench differ, which effect makes the difference, how far it shrinks");
     output::line("  effects    what a bench may do beyond its nominal plant, and how that shows");
-    output::line("\nhysteron COMMAND --help says more. Here is a short demonstration.");
+    output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 
-    let folder = std::env::temp_dir().join("hysteron-demo");
-    std::fs::create_dir_all(&folder).map_err(|e| Failure::unwritable(&folder, &e))?;
-    let file = |name: &str| folder.join(name).display().to_string();
-    for (name, text) in [("thesis-phs.toml", PLANT), ("pi1.toml", CONTROLLER)] {
-        let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|e| Failure::unwritable(&path, &e))?;
-    }
-    let bench = made_bench(&folder.join("thesis-phs.toml"))?;
-    bench.write(&folder.join("made-bench.toml"))?;
-
+    let seed = seed.unwrap_or_else(clock);
+    let folder = std::env::temp_dir().join(format!("hysteron-demo-{seed}"));
+    fs::create_dir_all(&folder).map_err(|e| Failure::unwritable(&folder, &e))?;
     output::line(&format!(
-        "\n1. A bench is made: the thesis' actuator with every number off by up to 10 % (seed {SEED}). It is driven and logged."
+        "\n1. A bench is made from seed {seed}: the thesis' actuator, its numbers off by their sigma, its sensor noisy, and one\n   \
+         effect that the nominal plant lacks. It is driven and logged; the effect's name is sealed."
     ));
-    let (plant, log) = (file("thesis-phs.toml"), file("bench.csv"));
-    call(&["simulate", "--plant", &file("made-bench.toml"), "--command", DRIVE, "--rate", "10000", "--out", &log])?;
-    output::line("\n2. How far is the nominal model from that bench?");
-    call(&["replay", "--plant", &plant, &log, "--out", &file("before.csv")])?;
-    output::line("\n3. The model is fitted to the log.");
-    call(&["identify", "--model", "phs", "--plant", &plant, &log, "--out", &file("fitted.toml")])?;
-    output::line("\n4. How far is it now?");
-    call(&["replay", "--plant", &file("fitted.toml"), &log, "--out", &file("after.csv")])?;
-    output::line("\n5. The control law of the board on the fitted model, an 80 um step at 20 kHz.");
-    call(&[
-        "simulate",
-        "--plant",
-        &file("fitted.toml"),
-        "--controller",
-        &file("pi1.toml"),
-        "--reference",
-        "step:80um",
-        "--rate",
-        "20000",
-        "--seconds",
-        "0.02",
-        "--out",
-        &file("step.csv"),
-    ])?;
-    output::line(&format!("\nOpen {} in a browser to see step 3.", file("fitted.html")));
+    let case = made(seed);
+    let sealed = write(&folder.join("sealed.txt"), &label(&case))?;
+    let plant = write(&folder.join("nominal.toml"), &case.plant_toml)?;
+    let log = |log: &blind_truth::Record| write(&folder.join(format!("{}.csv", log.name)), &log.to_csv());
+    let logs = case.logs.iter().map(log).collect::<Result<Vec<_>, _>>()?;
+    let held_out = case.held_out.iter().map(log).collect::<Result<Vec<_>, _>>()?;
+    let seal = sha256(&sealed)?;
+    output::line(&format!("   {}: sha256 {seal}", sealed.display()));
+
+    output::line("\n2. The gap between the nominal plant and the logs is diagnosed; held-out logs score the answer.");
+    let out = folder.join("diagnosis");
+    let mut words = vec!["diagnose".to_owned(), "--plant".to_owned(), plant.display().to_string()];
+    words.extend(logs.iter().map(|path| path.display().to_string()));
+    words.push("--held-out".to_owned());
+    words.extend(held_out.iter().map(|path| path.display().to_string()));
+    words.extend(["--out".to_owned(), out.display().to_string()]);
+    let found = call(&words)?;
+
+    output::line("\n3. The seal is opened.");
+    let intact = sha256(&sealed)? == seal;
+    let truth: Vec<&str> = case.truth.effects.iter().map(|effect| effect.id()).collect();
+    output::line(&format!("   sha256 {} as before", if intact { "is" } else { "IS NOT" }));
+    output::line(&format!("   on the bench: {} ({})", truth.join(", "), case.truth.form));
+    output::line(&format!("   the diagnosis is {}", compared(&truth, &found)));
+    output::line("\nThe report, to be opened in a browser:");
+    output::line(&out.join("report.html").display().to_string());
     Ok(())
 }
 
-/// Shows a call and makes it.
-fn call(words: &[&str]) -> Result<(), Failure> {
-    let quoted = |word: &&str| if word.contains(['+', ' ']) { format!("'{word}'") } else { (*word).to_owned() };
-    output::line(&format!("   $ hysteron {}", words.iter().map(quoted).collect::<Vec<_>>().join(" ")));
-    let arguments = Arguments::try_parse_from(std::iter::once("hysteron").chain(words.iter().copied()));
-    arguments.map_err(|e| Failure::call(e.to_string())).and_then(|arguments| super::run(&arguments))
+fn clock() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |time| time.as_nanos() as u64 % SEEDS)
 }
 
-/// The nominal plant with every number moved, and a noisy sensor.
-fn made_bench(nominal: &Path) -> Result<Model, Failure> {
-    let mut model = Model::read(nominal)?;
-    let mut random = Pcg64::seed_from_u64(SEED);
-    model.name = "made bench".into();
-    let mut records = vec![
-        &mut model.structure.damping_n_s_per_m,
-        &mut model.structure.stiffness_n_per_m,
-        &mut model.actuator.transduction_c_per_m,
-    ];
-    for hysteron in &mut model.actuator.hysterons {
-        records.extend([&mut hysteron.capacitance_f, &mut hysteron.slope_s, &mut hysteron.dead_zone_v]);
+/// A short case with one effect drawn from the seed.
+fn made(seed: u64) -> Case {
+    let effects: Vec<EffectId> = EffectId::all().collect();
+    let effect = effects[Pcg64::seed_from_u64(seed).random_range(0..effects.len())];
+    let subject = Subject::Effects(vec![effect]);
+    make(&Request { seed, subject, split: Split::Develop, size: Size::Short, strength: None })
+}
+
+/// What is sealed. The numbers keep a short name from being guessed from its hash.
+fn label(case: &Case) -> String {
+    let effects: Vec<&str> = case.truth.effects.iter().map(|effect| effect.id()).collect();
+    let mut text = format!("effect: {}\nform: {}\n", effects.join(", "), case.truth.form);
+    for (name, value) in &case.truth.parameters {
+        text += &format!("{name} = {value:e}\n");
     }
-    for record in records {
-        record.value *= random.random_range(-SPREAD..SPREAD).exp();
-        record.source = format!("made, seed {SEED}");
+    text
+}
+
+fn write(path: &Path, text: &str) -> Result<PathBuf, Failure> {
+    fs::write(path, text).map_err(|e| Failure::unwritable(path, &e))?;
+    Ok(path.to_owned())
+}
+
+fn sha256(path: &Path) -> Result<String, Failure> {
+    let bytes = fs::read(path).map_err(|e| Failure::file(format!("{}: cannot be read: {e}", path.display())))?;
+    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Shows a diagnosis' call and makes it.
+fn call(words: &[String]) -> Result<Diagnosis, Failure> {
+    output::line(&format!("   $ hysteron {}\n", words.join(" ")));
+    let arguments = Arguments::try_parse_from(std::iter::once("hysteron").chain(words.iter().map(String::as_str)));
+    match arguments.map_err(|e| Failure::call(e.to_string()))?.command {
+        Some(Command::Diagnose(call)) => super::diagnose::run(&call),
+        _ => Err(Failure::call("the demonstration's call is no diagnosis")),
     }
-    model.sensor.noise_um = Some(Param::new(NOISE_UM, 0.0, "made"));
-    Ok(model)
+}
+
+/// How the diagnosis did.
+fn compared(truth: &[&str], found: &Diagnosis) -> String {
+    let holds = |list: &[String]| truth.iter().all(|id| list.iter().any(|named| named == id));
+    if holds(&found.effects) && found.effects.len() == truth.len() {
+        "right.".to_owned()
+    } else if found.classes.iter().any(|class| holds(&class.members)) {
+        "right as far as these logs go: the truth is in the class that it names.".to_owned()
+    } else if holds(&found.set90) || holds(&found.effects) {
+        "not alone: the truth is among what it names.".to_owned()
+    } else {
+        let why = if found.effects.is_empty() { "it names none" } else { "it names another" };
+        format!("wrong: {why}. Please report the seed.")
+    }
 }

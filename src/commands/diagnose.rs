@@ -14,6 +14,8 @@ pub const FILES: [&str; 3] = ["diagnosis.json", "augmented.toml", "report.html"]
 /// Entries that the terminal ranks, and the least probability that is worth a line.
 const RANKED: usize = 5;
 const LEAST: f64 = 0.01;
+/// Rows of a log that are read into memory: ten minutes at 20 kHz are 12 million.
+const MOST_ROWS: usize = 13_000_000;
 /// Steps of the progress bar.
 const STEPS: u64 = 1000;
 
@@ -25,8 +27,8 @@ pub fn diagnose(call: &DiagnoseCall) -> Result<(), Failure> {
 pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
     check_directory(call)?;
     let plant = Model::read(&call.plant)?;
-    let logs = super::logs::read(&call.logs, &call.read)?;
-    let held_out = super::logs::read(&call.held_out, &call.read)?;
+    let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
+    let held_out = super::logs::read(&call.held_out, &call.read, MOST_ROWS)?;
     let options = Options {
         initial: call.start.initial,
         run_in_s: call.start.run_in,

@@ -8,6 +8,9 @@ use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, StartView, f
 use plant_sim::log::{self, Log};
 use plant_sim::model::Model;
 
+/// Rows of a log that are read into memory: 10 million are about 1 GB with what a fit makes of them.
+const MOST_ROWS: usize = 10_000_000;
+
 pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     let from = match &call.plant {
         Some(path) => From::Plant(Box::new(Model::read(path)?)),
@@ -17,7 +20,7 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if let From::Plant(model) = &from {
         warnings.extend(model.warnings());
     }
-    let logs = super::logs::read(&call.logs, &call.read)?;
+    let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
     warnings.extend(logs.iter().flat_map(log::warnings));
     let options = Options {
         from,

@@ -6,16 +6,14 @@ use crate::output;
 use plant_sim::log::{self, Log};
 use std::path::{Path, PathBuf};
 
-/// Rows that are read into memory: 10 million are about 1 GB with what a fit makes of them.
-const MOST_ROWS: usize = 10_000_000;
-/// Files below this size can't hold that many rows.
+/// Files below this size can't hold millions of rows.
 const LARGE_BYTES: u64 = 100_000_000;
 
-/// Reads whole logs, named by their files.
-pub fn read(paths: &[PathBuf], arguments: &ReadArguments) -> Result<Vec<Log>, Failure> {
+/// Reads whole logs of at most `most_rows` each, named by their files.
+pub fn read(paths: &[PathBuf], arguments: &ReadArguments, most_rows: usize) -> Result<Vec<Log>, Failure> {
     let mut logs = Vec::new();
     for path in paths {
-        refuse_too_long(path, arguments)?;
+        refuse_too_long(path, arguments, most_rows)?;
         let mut log = log::read(path, &arguments.options())?;
         log.name = output::file_name(path);
         logs.push(log);
@@ -24,11 +22,11 @@ pub fn read(paths: &[PathBuf], arguments: &ReadArguments) -> Result<Vec<Log>, Fa
 }
 
 /// A log that would not fit is refused after a look that needs no memory.
-fn refuse_too_long(path: &Path, arguments: &ReadArguments) -> Result<(), Failure> {
+fn refuse_too_long(path: &Path, arguments: &ReadArguments, most_rows: usize) -> Result<(), Failure> {
     let large = std::fs::metadata(path).is_ok_and(|file| file.len() > LARGE_BYTES);
-    if large && log::open(path, &arguments.options())?.take(MOST_ROWS + 1).count() > MOST_ROWS {
+    if large && log::open(path, &arguments.options())?.take(most_rows + 1).count() > most_rows {
         return Err(Failure::file(format!(
-            "{}: more than {MOST_ROWS} rows: cut the log or lower its rate; a fit needs seconds of data, not hours",
+            "{}: more than {most_rows} rows: cut the log or lower its rate; a fit needs seconds of data, not hours",
             path.display()
         )));
     }

@@ -15,7 +15,7 @@ use crate::failure::Failure;
 /// Does what was asked for; without a command, shows what could be.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
-        None => demo::demo(),
+        None => demo::demo(arguments.seed),
         Some(Command::Simulate(call)) => simulate::simulate(call),
         Some(Command::Replay(call)) => replay::replay(call),
         Some(Command::Identify(call)) => identify::identify(call),

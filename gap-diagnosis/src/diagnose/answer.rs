@@ -204,15 +204,20 @@ pub(super) fn answer(
         Ok(next) => (Some(next), None),
         Err(reason) => (None, Some(reason)),
     };
-    for log in found.undetermined_starts(bench) {
+    let open_starts = found.undetermined_starts(bench);
+    if !open_starts.is_empty() {
         warnings.push(format!(
-            "{log}: its state at the start is not determined by the log: intervals hold what it might have been; start from rest, or state --initial relaxed if it was"
+            "{}: the state at the start is not determined by the log, so intervals hold what it might have been: record some rest before \
+             the first motion, or state --initial relaxed if it was",
+            open_starts.join(", ")
         ));
     }
-    if found.variant.has_lines() && verdict == Verdict::Explained {
-        warnings.push(
-            "the phase of a line belongs to each log: its size and frequency are known, but no plant predicts it on another log, so no shrink is promised there".to_owned(),
-        );
+    if verdict == Verdict::Explained && found.variant.has_own_parts() {
+        let own: Vec<&str> = found.variant.with_own_parts().collect();
+        warnings.push(format!(
+            "{}: phase or size belong to each log, so no plant predicts them on another one and no shrink is promised there",
+            own.join(", ")
+        ));
     }
     if !found.random.is_empty() {
         warnings.push(
@@ -259,15 +264,15 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
     let nominal = refit.part(fitted, false, |_| true);
     let played = benches.play(&refit);
     let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
-    let not_portable_m2 = if found.variant.has_lines() {
+    let not_portable_m2 = if found.variant.has_own_parts() {
         let of_lines = |i: &super::bench::Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
         let mut silent = found.variant.part(fitted, true, |i| !of_lines(i));
         silent.starts_known = true;
         let silent = benches.play(&silent);
         let (mut rows, mut sum) = (0.0, 0.0);
         for (with, without) in augmented.iter().zip(&silent).take(fitted.records.len()) {
-            rows += with.predicted_m.len() as f64;
-            sum += with.predicted_m.iter().zip(&without.predicted_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+            rows += with.len() as f64;
+            sum += with.iter().zip(without).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
         }
         sum / rows
     } else {
@@ -340,19 +345,21 @@ fn located(benches: &Benches<'_>, played: &[Played]) -> Where {
         .zip(played)
         .map(|(record, played)| {
             let residual = |(k, (y, p)): (usize, (&f64, &f64))| if k < record.run_in { f64::NAN } else { y - p };
-            record.log.displacement_m.iter().zip(&played.predicted_m).enumerate().map(residual).collect()
+            record.log.displacement_m.iter().zip(played).enumerate().map(residual).collect()
         })
         .collect();
+    let velocities: Vec<Vec<f64>> =
+        benches.records().zip(played).map(|(record, played)| velocity_m_per_s(played, record.log.dt_s)).collect();
     let traces: Vec<Trace<'_>> = benches
         .records()
         .zip(played)
-        .zip(&residuals)
-        .map(|((record, played), residual_m)| Trace {
+        .zip(residuals.iter().zip(&velocities))
+        .map(|((record, played), (residual_m, velocity_m_per_s))| Trace {
             name: &record.log.name,
             dt_s: record.log.dt_s,
             drive_v: record.log.drive_v.as_ref().unwrap_or(&record.log.command_v),
-            displacement_m: &played.predicted_m,
-            velocity_m_per_s: &played.velocity_m_per_s,
+            displacement_m: played,
+            velocity_m_per_s,
             residual_m,
             noise_m: record.noise_m,
         })
@@ -360,12 +367,22 @@ fn located(benches: &Benches<'_>, played: &[Played]) -> Where {
     locate(&traces)
 }
 
+/// Central differences: a map of velocities needs no more, and ten minutes of them would cost as much memory as the log.
+fn velocity_m_per_s(displacement_m: &[f64], dt_s: f64) -> Vec<f64> {
+    let last = displacement_m.len() - 1;
+    let slope = |k: usize| {
+        let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
+        (displacement_m[after] - displacement_m[before]) / ((after - before).max(1) as f64 * dt_s)
+    };
+    (0..=last).map(slope).collect()
+}
+
 fn unexplained(benches: &Benches<'_>, augmented: &[Played], location: &Where) -> Unexplained {
     let (mut rows, mut all2, mut noise2, mut white2) = (0.0, 0.0, 0.0, 0.0);
     let (mut most, mut lag_s) = (0f64, 0.0);
     for (record, played) in benches.records().zip(augmented) {
         let residual_m: Vec<f64> =
-            record.log.displacement_m.iter().zip(&played.predicted_m).map(|(y, p)| y - p).skip(record.run_in).collect();
+            record.log.displacement_m.iter().zip(played).map(|(y, p)| y - p).skip(record.run_in).collect();
         let n = residual_m.len() as f64;
         rows += n;
         all2 += residual_m.iter().map(|r| r * r).sum::<f64>();
@@ -402,9 +419,9 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
             run_in: record.run_in / stride,
             command_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
             measured_m: thin(&log.displacement_m),
-            nominal_m: thin(&three.nominal[index].predicted_m),
-            refit_m: thin(&three.refit[index].predicted_m),
-            augmented_m: thin(&three.augmented[index].predicted_m),
+            nominal_m: thin(&three.nominal[index]),
+            refit_m: thin(&three.refit[index]),
+            augmented_m: thin(&three.augmented[index]),
             noise_m: record.noise_m,
             period_samples: log.meta.period_samples.filter(|_| stride == 1),
         }

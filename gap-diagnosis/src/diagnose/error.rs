@@ -56,13 +56,23 @@ pub enum DiagnoseError {
     },
     /// Logs that can't be of one bench in one unit.
     #[error(
-        "{log} responds {ratio} of what {other} does for the same volts: the logs disagree in units or sign; give the one's with --scale displacement=..."
+        "{log} moves {ratio} times as far as {other} for the same volts: the logs disagree in units or sign; convert the odd one, or name its unit in its column's name"
     )]
     UnitsDisagree {
         /// The log that stands out.
         log: String,
         /// One of the others.
         other: String,
+        /// Ratio of the gains.
+        ratio: String,
+    },
+    /// All logs respond far more, or far less, than the plant.
+    #[error(
+        "{log} moves {ratio} times as far as the plant for the same volts: check the units of the logs (--scale) and of the plant's file"
+    )]
+    OtherUnits {
+        /// The log in the middle.
+        log: String,
         /// Ratio of the gains.
         ratio: String,
     },
@@ -78,7 +88,7 @@ pub enum DiagnoseError {
         /// .. and its gap.
         log_percent: f64,
         /// What might have happened.
-        hint: String,
+        hint: &'static str,
     },
     /// The prediction is not finite.
     #[error("{log}: the plant's prediction is not finite: check the units in the plant's file")]
@@ -137,12 +147,16 @@ pub(super) fn check_plant(bench: &Bench<'_>, needs_excitation: bool) -> Result<(
     let mut sorted: Vec<&(usize, Response)> = clear.clone();
     sorted.sort_by(|a, b| a.1.slope.abs().total_cmp(&b.1.slope.abs()));
     if let Some((usual, middle)) = sorted.get(sorted.len() / 2) {
+        let in_words = |ratio: f64| if ratio.abs() < 1.0 { format!("{ratio:.1e}") } else { format!("{ratio:.0}") };
         for (index, response) in &clear {
             let ratio = response.slope / middle.slope;
             if index != usual && !(1.0 / OTHER_UNIT..OTHER_UNIT).contains(&ratio) {
-                let ratio = if ratio.abs() < 1.0 { format!("{ratio:.1e}") } else { format!("{ratio:.0} times") };
-                return Err(DiagnoseError::UnitsDisagree { log: name(*index), other: name(*usual), ratio });
+                let (log, other) = (name(*index), name(*usual));
+                return Err(DiagnoseError::UnitsDisagree { log, other, ratio: in_words(ratio) });
             }
+        }
+        if !(1.0 / OTHER_UNIT..OTHER_UNIT).contains(&middle.slope.abs()) {
+            return Err(DiagnoseError::OtherUnits { log: name(*usual), ratio: in_words(middle.slope) });
         }
     }
     let percent = |gap_m2: f64, displacement_m2: f64| 100.0 * (gap_m2 / displacement_m2.max(f64::MIN_POSITIVE)).sqrt();
@@ -152,12 +166,10 @@ pub(super) fn check_plant(bench: &Bench<'_>, needs_excitation: bool) -> Result<(
         let (worst, response) =
             responses.iter().max_by(|a, b| a.1.gap_m2.total_cmp(&b.1.gap_m2)).unwrap_or(&responses[0]);
         let slope = clear.first().map_or(1.0, |(_, r)| r.slope);
-        let hint = match slope {
-            s if s < 0.0 => "; it moves the other way: turn its sign with --scale displacement=-1e-6".to_owned(),
-            s if !(1.0 / OTHER_UNIT..OTHER_UNIT).contains(&s) => {
-                format!("; the logs respond {s:.1e} times as much as the plant: check their units (--scale)")
-            }
-            _ => "; name the plant that was measured, or identify one".to_owned(),
+        let hint = if slope < 0.0 {
+            "; they move the other way: turn their sign with --scale displacement=-1e-6"
+        } else {
+            "; name the plant that was measured, or identify one"
         };
         return Err(DiagnoseError::OtherPlant {
             percent: all,

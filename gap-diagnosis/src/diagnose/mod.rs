@@ -1,6 +1,6 @@
 //! Diagnosis: where a nominal plant and its bench differ, which effect makes the difference, and how far it shrinks.
 //!
-//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`bench`]), normal equations in chunks
+//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`]), what only
 //! scatter tells ([`spread`]), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what

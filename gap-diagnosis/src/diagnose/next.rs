@@ -204,8 +204,8 @@ fn scaled(spec: &str, factor: f64) -> Option<String> {
             let Some((amplitude, after)) = rest.split_once('V') else { return Some(part.to_owned()) };
             let volts = amplitude.parse::<f64>().ok()? * factor;
             let unit = 10f64.powf(volts.abs().log10().floor() - 1.0);
-            let volts = (volts / unit + 1e-9).floor() * unit;
-            (volts.is_finite() && volts > 0.0).then(|| format!("{kind}:{}V{after}", (volts * 1e6).round() / 1e6))
+            let volts = ((volts.abs() / unit + 1e-9).floor() * unit).copysign(volts);
+            (volts.is_finite() && volts != 0.0).then(|| format!("{kind}:{}V{after}", (volts * 1e6).round() / 1e6))
         })
         .collect();
     parts.map(|parts| parts.join("+"))
@@ -225,6 +225,7 @@ mod tests {
             scaled("multisine:15V@4-1500Hz,periods=4", 0.011).as_deref(),
             Some("multisine:0.16V@4-1500Hz,periods=4")
         );
+        assert_eq!(scaled("ladder:-60V/2,hold=1s", 0.51).as_deref(), Some("ladder:-30V/2,hold=1s"));
         assert_eq!(scaled("sine:60V@50Hz", 0.0), None);
     }
 

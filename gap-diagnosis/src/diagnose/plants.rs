@@ -35,13 +35,8 @@ pub(super) struct Variant {
     pub starts_known: bool,
 }
 
-/// What a variant predicts for one log, all rows.
-pub(super) struct Played {
-    /// Reading of an ideal sensor.
-    pub predicted_m: Vec<f64>,
-    /// Velocity of the structure.
-    pub velocity_m_per_s: Vec<f64>,
-}
+/// What a variant predicts for every row of one log: the reading of an ideal sensor, metres.
+pub(super) type Played = Vec<f64>;
 
 impl<'a> Benches<'a> {
     /// The benches of the fitted `records` and of the `held_out` logs.
@@ -68,16 +63,6 @@ impl<'a> Benches<'a> {
         played
     }
 
-    /// The same for the logs that the headline scores; nothing for the others.
-    pub fn play_headline(&self, variant: &Variant) -> Vec<Played> {
-        if self.held.is_none() {
-            return self.play(variant);
-        }
-        let skipped =
-            self.fitted.records.iter().map(|_| Played { predicted_m: Vec::new(), velocity_m_per_s: Vec::new() });
-        skipped.chain(self.play_held(variant)).collect()
-    }
-
     fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
@@ -86,9 +71,15 @@ impl<'a> Benches<'a> {
 }
 
 impl Variant {
-    /// Whether parts of it belong to each log: the phase of a line.
-    pub fn has_lines(&self) -> bool {
-        self.hypothesis.installed.iter().flat_map(|i| &i.axes).any(|axis| axis.parameter.per_log)
+    /// Effects of which parts belong to each log: the phase of a line, the size of a drift.
+    pub fn with_own_parts(&self) -> impl Iterator<Item = &'static str> {
+        let is_own = |i: &&Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
+        self.hypothesis.installed.iter().filter(is_own).map(|i| i.effect.id())
+    }
+
+    /// Whether there is such an effect.
+    pub fn has_own_parts(&self) -> bool {
+        self.with_own_parts().next().is_some()
     }
 
     /// This with only those of its forms that `keep` says, and with the nominal numbers if not `refitted`.
@@ -109,14 +100,8 @@ fn play_on(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], settle_starts:
         if settle_starts {
             settle(bench, hypothesis, &mut z, index);
         }
-        let rows = bench.records[index].log.len();
         let mut reader = reader(bench, hypothesis, &z, index);
-        let mut played = Played { predicted_m: Vec::with_capacity(rows), velocity_m_per_s: Vec::with_capacity(rows) };
-        for _ in 0..rows {
-            played.predicted_m.push(reader.next_m());
-            played.velocity_m_per_s.push(reader.motion.1);
-        }
-        played
+        bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
     };
     (0..bench.records.len()).into_par_iter().map(one).collect()
 }

@@ -114,7 +114,7 @@ pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
     let mut sum = 0.0;
     let mut set = Vec::new();
     for ranked in ranking {
-        if sum >= 0.9 {
+        if sum > 0.9 - 1e-9 {
             break;
         }
         sum += ranked.probability;

@@ -1,0 +1,255 @@
+//! `hysteron diagnose` as a user meets it: made cases whose truth is known, the contract's keys, and inputs that can't be used.
+
+mod support;
+
+use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
+use serde_json::Value;
+use support::{Folder, PLANT, column, good_csv, json, number, run, stderr, stdout, succeeded};
+
+/// A case's plant and logs in the folder, and the call that diagnoses those of its logs that `wanted` names.
+fn call(folder: &Folder, case: &Case, wanted: &[&str]) -> String {
+    folder.write("nominal.toml", &case.plant_toml);
+    for log in case.logs.iter().chain(&case.held_out) {
+        folder.write(&format!("{}.csv", log.name), log.to_csv());
+    }
+    let logs: Vec<String> = case
+        .logs
+        .iter()
+        .filter(|log| wanted.iter().any(|name| log.name.ends_with(name)))
+        .map(|log| format!("@/{}.csv", log.name))
+        .collect();
+    assert_eq!(logs.len(), wanted.len());
+    format!("diagnose --plant @/nominal.toml {} --held-out @/{}.csv --out @/out", logs.join(" "), case.held_out[0].name)
+}
+
+fn case(subject: Subject) -> Case {
+    make(&Request { seed: 7, subject, split: Split::Develop, size: Size::Short, strength: None })
+}
+
+fn of(effect: EffectId) -> Case {
+    case(Subject::Effects(vec![effect]))
+}
+
+fn diagnosis(folder: &Folder) -> Value {
+    serde_json::from_str(&folder.read("out/diagnosis.json")).expect("diagnosis.json is JSON")
+}
+
+fn list(value: &Value) -> Vec<&str> {
+    let items = value.as_array().unwrap_or_else(|| panic!("{value} is a list"));
+    items.iter().map(|item| item.as_str().unwrap_or_else(|| panic!("{item} is text"))).collect()
+}
+
+/// Every key of the contract with the right type.
+fn check_contract(found: &Value) {
+    assert_eq!(found["schema"], "hysteron-diagnosis-1");
+    assert!(["no_gap", "explained", "unknown"].contains(&found["verdict"].as_str().expect("a verdict")));
+    assert!(found["stage"].is_string() || found["stage"].is_null());
+    list(&found["effects"]);
+    let ranking = found["ranking"].as_array().expect("a ranking");
+    // The registry's 30, a wrong number, no gap, unknown.
+    assert_eq!(ranking.len(), 33);
+    let sum: f64 = ranking.iter().map(|r| r["probability"].as_f64().expect("a probability")).sum();
+    assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+    assert!(ranking.iter().all(|r| r["effect"].is_string()));
+    let set90 = list(&found["set90"]);
+    let held: f64 = ranking[..set90.len()].iter().map(|r| r["probability"].as_f64().expect("a probability")).sum();
+    assert!(held >= 0.9, "{set90:?} holds {held}");
+    found["classes"].as_array().expect("classes").iter().for_each(|class| assert!(list(class).len() > 1));
+    let gap = &found["gap"];
+    assert!(["held-out log", "held-out stretches"].contains(&gap["headline"].as_str().expect("a headline")));
+    for key in [
+        "nominal_rms_um",
+        "refit_rms_um",
+        "augmented_rms_um",
+        "noise_rms_um",
+        "shrink_percent",
+        "closure_percent",
+        "predicted_shrink_percent",
+    ] {
+        assert!(gap[key].is_number(), "gap.{key}");
+    }
+    let interval = gap["shrink_percent_ci95"].as_array().expect("an interval");
+    let (low, high) = (interval[0].as_f64().expect("low"), interval[1].as_f64().expect("high"));
+    let shrink = gap["shrink_percent"].as_f64().expect("a shrink");
+    assert!(interval.len() == 2 && low <= shrink && shrink <= high, "{gap}");
+    let shares = found["shares"].as_array().expect("shares");
+    let sum: f64 = shares.iter().map(|s| s["percent"].as_f64().expect("a percentage")).sum();
+    assert!((sum - 100.0).abs() < 1e-9 && shares.iter().all(|s| s["effect"].is_string()), "{shares:?}");
+    for (list, keys) in [
+        ("parameters", &["effect", "name", "value", "sigma", "unit"][..]),
+        ("changed", &["name", "nominal", "refit", "sigma"]),
+    ] {
+        for item in found[list].as_array().expect(list) {
+            keys.iter().for_each(|key| assert!(item[key].is_number() || item[key].is_string(), "{list}.{key}: {item}"));
+        }
+    }
+    let location = &found["where"];
+    for key in ["bands", "logs", "segments", "states"] {
+        assert!(location[key].is_array(), "where.{key}");
+    }
+    assert!(location["harmonics"].is_object());
+    for key in ["from_hz", "to_hz", "share_percent"] {
+        assert!(location["bands"][0][key].is_number(), "where.bands.{key}");
+    }
+    let left = &found["unexplained"];
+    for key in ["rms_um", "structured_share_percent", "max_abs_autocorrelation", "lag_s"] {
+        assert!(left[key].is_number(), "unexplained.{key}");
+    }
+    assert!(left["strongest"].is_string());
+    match &found["next_experiment"] {
+        Value::Null => assert!(found["no_experiment_reason"].is_string()),
+        next => {
+            assert!(next["spec"].is_string() && next["rate_hz"].is_number() && next["reason"].is_string(), "{next}");
+            assert!(list(&next["splits"]).len() > 1);
+        }
+    }
+}
+
+/// Rms in micrometres that `plant` leaves on the held-out log.
+fn replayed(folder: &Folder, case: &Case, plant: &str) -> f64 {
+    let log = &case.held_out[0].name;
+    let output = run(folder, &format!("replay --plant @/{plant} @/{log}.csv --out @/pred.csv --no-page --json"));
+    succeeded(&output);
+    number(&json(&output), "rms_um")
+}
+
+/// An effect that is on the bench is named first, alone, and the plant with it replays the held-out log as the diagnosis says.
+fn is_named(effect: EffectId, logs: &[&str]) {
+    let folder = Folder::new(&format!("diagnose-{}", effect.id()));
+    let case = of(effect);
+    let output = run(&folder, &call(&folder, &case, logs));
+    succeeded(&output);
+    assert!(stdout(&output).starts_with("The gap is "), "{}", stdout(&output));
+    let found = diagnosis(&folder);
+    check_contract(&found);
+    assert_eq!((found["verdict"].as_str(), found["stage"].as_str()), (Some("explained"), Some(effect.stage())));
+    assert_eq!(list(&found["effects"]), [effect.id()]);
+    assert_eq!(found["ranking"][0]["effect"], effect.id());
+    assert_eq!(found["gap"]["headline"], "held-out log");
+    assert!(found["gap"]["closure_percent"].as_f64().expect("a closure") > 90.0, "{}", found["gap"]);
+    let (before, after) = (replayed(&folder, &case, "nominal.toml"), replayed(&folder, &case, "out/augmented.toml"));
+    assert!(after < 0.5 * before, "{before} um with the nominal plant, {after} with the effect");
+    // The replay fits its start to the whole log and scores all of it; else it is the same plant on the same log.
+    let said = found["gap"]["augmented_rms_um"].as_f64().expect("an rms");
+    assert!((after / said - 1.0).abs() < 0.1, "replayed {after} um, said {said}");
+    let page = folder.read("out/report.html");
+    assert!(page.contains(effect.id()) && page.contains("Rivals rejected") && page.contains("Where the gap lies"));
+    let names = std::fs::read_dir(folder.path("out")).expect("the directory").count();
+    assert_eq!(names, 3, "nothing but the three files");
+}
+
+#[test]
+fn creep_is_named() {
+    is_named(EffectId::Creep, &["steps", "hold"]);
+}
+
+#[test]
+fn a_slow_amplifier_is_named() {
+    is_named(EffectId::AmplifierBandwidth, &["steps", "multisine"]);
+}
+
+#[test]
+fn a_bench_as_nominal_has_no_gap() {
+    let folder = Folder::new("diagnose-null");
+    let case = case(Subject::Null);
+    let output = run(&folder, &format!("{} --json", call(&folder, &case, &["steps", "sines", "multisine"])));
+    assert_eq!(succeeded(&output), "");
+    let printed = json(&output);
+    let found = diagnosis(&folder);
+    assert_eq!(Value::Object(printed), found, "printed and written are one");
+    check_contract(&found);
+    assert_eq!(found["verdict"], "no_gap");
+    assert_eq!((list(&found["effects"]).len(), found["stage"].is_null()), (0, true));
+    assert_eq!(found["ranking"][0]["effect"], "no_gap");
+    assert!(replayed(&folder, &case, "out/augmented.toml") < replayed(&folder, &case, "nominal.toml"));
+}
+
+#[test]
+fn a_noisy_sensor_is_told_from_its_data_sheet() {
+    let folder = Folder::new("diagnose-noise");
+    let case = of(EffectId::NoiseExcess);
+    let line = call(&folder, &case, &["steps", "sines"]);
+    assert!(succeeded(&run(&folder, &line)).contains("what scatters can't be predicted"));
+    let found = diagnosis(&folder);
+    check_contract(&found);
+    assert_eq!(list(&found["effects"]), ["noise_excess"]);
+    let truth = case.truth.parameters.iter().find(|(name, _)| name == "noise_excess.rms_m").expect("the truth").1;
+    let value = found["parameters"][0]["value"].as_f64().expect("a value");
+    // A few thousand rows know an rms to a per cent or two, and the data sheet's 10 % of a smaller noise add as much.
+    assert!((value / truth - 1.0).abs() < 0.1, "{value} against {truth}");
+    succeeded(&run(&folder, "replay --plant @/out/augmented.toml @/log1-steps.csv --out @/p.csv --no-page"));
+}
+
+/// A plant without hysterons on logs of its own making, and logs of different rates.
+#[test]
+fn a_linear_plant_is_diagnosed_too() {
+    let folder = Folder::new("diagnose-linear");
+    let plant = std::fs::read_to_string(support::root().join(PLANT)).expect("the thesis' plant");
+    let (before, after) = (plant.find("[[actuator.hysteron]]"), plant.find("[structure]"));
+    let linear = format!("{}{}", &plant[..before.expect("hysterons")], &plant[after.expect("a structure")..]);
+    folder.write("linear.toml", &linear);
+    for (name, rate, spec) in
+        [("fast.csv", 20000, "sine:20V@50Hz,for=0.2s"), ("slow.csv", 10000, "square:20V@10Hz,for=0.2s")]
+    {
+        let call = format!("simulate --plant @/linear.toml --command {spec} --rate {rate} --out @/{name} --no-page");
+        succeeded(&run(&folder, &call));
+    }
+    let output = run(&folder, "diagnose --plant @/linear.toml @/fast.csv @/slow.csv --out @/out");
+    let said = succeeded(&output);
+    assert!(said.contains("fast.csv is sampled at 20000.000000 Hz and slow.csv at 10000.000000 Hz"), "{said}");
+    let found = diagnosis(&folder);
+    check_contract(&found);
+    assert_eq!(found["verdict"], "no_gap", "{}", found["gap"]);
+    assert_eq!(found["gap"]["headline"], "held-out stretches");
+}
+
+/// Each call is refused with one line and its code, and leaves no directory behind.
+#[test]
+fn what_cannot_be_diagnosed_is_refused_in_one_line() {
+    let folder = Folder::new("diagnose-refused");
+    let good = good_csv(400);
+    folder.write("good.csv", &good);
+    let scaled = |factor: f64| {
+        let displacement = column(&good, "displacement_um");
+        let mut lines = good.lines().take(2).map(str::to_owned).collect::<Vec<_>>();
+        for (line, y) in good.lines().skip(2).zip(displacement) {
+            let head = line.rsplit_once(',').expect("three columns").0;
+            lines.push(format!("{head},{:.6}", factor * y));
+        }
+        lines.join("\n")
+    };
+    folder.write("nanometres.csv", scaled(1e3));
+    folder.write("inverted.csv", scaled(-1.0));
+    folder.write("short.csv", good_csv(40));
+    let still: Vec<String> =
+        (0..400).map(|row| format!("{:.3},0,{:.6}", f64::from(row) / 1e3, 0.01 * f64::from(row % 7))).collect();
+    folder.write("still.csv", format!("time_s,command_V,displacement_um\n{}", still.join("\n")));
+    folder.write("file", "");
+    for (call, code, line) in [
+        ("--plant @/none.toml @/good.csv --out @/out", 3, "none.toml: cannot be read"),
+        ("--plant P @/good.csv @/nanometres.csv --out @/out", 3, "the logs disagree in units or sign"),
+        ("--plant P @/good.csv @/inverted.csv --out @/out", 3, "the logs disagree in units or sign"),
+        ("--plant P @/nanometres.csv --out @/out", 3, "nanometres.csv moves 1194 times as far as the plant"),
+        ("--plant P @/inverted.csv --out @/out", 3, "turn their sign with --scale"),
+        ("--plant P @/still.csv --out @/out", 3, "still.csv: the command never changes"),
+        ("--plant P @/short.csv --out @/out", 3, "short.csv: 40 rows are left after a run-in of 0 s"),
+        ("--plant P @/good.csv --run-in 0.3 --out @/out", 3, "good.csv: 100 rows are left after a run-in of 0.3 s"),
+        ("--plant P @/good.csv --without crep --out @/out", 2, "did you mean \"creep\""),
+        ("--plant P @/good.csv --out @/file", 2, "is not a directory; name one with --out"),
+        ("--plant P @/good.csv --out @/none/out", 2, "is not there; make it or name another with --out"),
+        ("--plant P --out @/out", 2, "hysteron diagnose --help"),
+    ] {
+        let output = run(
+            &folder,
+            &format!(
+                "diagnose {}",
+                call.replace("P @", &format!("{PLANT} @")).replace("P --out", &format!("{PLANT} --out"))
+            ),
+        );
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{call}: {said}");
+        assert!(said.starts_with("hysteron: ") && said.lines().count() == 1 && said.contains(line), "{call}: {said}");
+        assert_eq!(stdout(&output), "", "{call}");
+        assert!(!folder.path("out").exists(), "{call}: a directory is left");
+    }
+}
