@@ -27,6 +27,7 @@ pub fn demo() -> Result<(), Failure> {
     output::line("  replay     a measured log's command through a plant: how far off is the simulation?");
     output::line("  identify   fits a plant with hysterons to measured logs");
     output::line("  effects    what a bench may do beyond its nominal plant, and how that shows");
+    output::line("  blind-check  the diagnosis tested on cases whose effect is withheld");
     output::line("\nhysteron COMMAND --help says more. Here is a short demonstration.");
 
     let folder = std::env::temp_dir().join("hysteron-demo");

@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod blind_check;
 mod demo;
 mod effects;
 mod identify;
@@ -17,5 +18,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Replay(call)) => replay::replay(call),
         Some(Command::Identify(call)) => identify::identify(call),
         Some(Command::Effects(call)) => effects::effects(call),
+        Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }
