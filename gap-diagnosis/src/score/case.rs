@@ -162,12 +162,17 @@ impl Answer {
         Ok(answer)
     }
 
-    /// The leading name: the first effect, `unknown` or `no_gap`.
+    /// The leading name: the most probable of the named effects, `unknown` or `no_gap`. Not the one with the largest share: a wrong
+    /// number may move more than the effect that is surely there.
     pub fn name(&self) -> &str {
         match self.verdict {
             Verdict::NoGap => NO_GAP,
             Verdict::Unknown => UNKNOWN,
-            Verdict::Explained => &self.effects[0],
+            // Of equals the first; an explained gap has a name, `parse` has seen to that.
+            Verdict::Explained => {
+                let more = |a: &&String, b: &&String| self.probability(a).total_cmp(&self.probability(b));
+                self.effects.iter().rev().max_by(more).map_or(UNKNOWN, String::as_str)
+            }
         }
     }
 

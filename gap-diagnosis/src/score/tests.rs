@@ -55,6 +55,16 @@ fn the_class_rule_needs_class_and_set() {
 }
 
 #[test]
+fn the_most_probable_name_leads_and_equals_keep_their_order() {
+    let lead = |p: f64, q: f64| {
+        let both = answer(&["parameter_error", "creep"], &[("creep", p), ("parameter_error", q)], &["creep"], &[]);
+        (both.name().to_owned(), both.confidence())
+    };
+    assert_eq!((lead(0.6, 0.4).0.as_str(), lead(0.4, 0.6).0.as_str()), ("creep", "parameter_error"));
+    assert_eq!(lead(0.5, 0.5), ("parameter_error".to_owned(), 1.0));
+}
+
+#[test]
 fn what_contradicts_itself_is_no_answer() {
     let base = |verdict: &str, effects: &[&str], p: f64| {
         serde_json::json!({ "verdict": verdict, "effects": effects, "set90": ["creep"],
