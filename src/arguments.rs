@@ -40,6 +40,8 @@ pub enum Command {
     Diagnose(DiagnoseCall),
     /// What a bench may do beyond its nominal plant: all effects, or everything about one
     Effects(EffectsCall),
+    /// The diagnosis tested on cases whose effect is withheld: writes a score and a page
+    BlindCheck(BlindCheckCall),
     /// The flash image on the virtual board
     #[command(subcommand)]
     Board(BoardCommand),
@@ -59,8 +61,8 @@ impl Command {
             Command::Replay(call) => Some((Some(&call.show), &call.out)),
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
-            // A diagnosis writes into a directory.
-            Command::Diagnose(_) | Command::Effects(_) => None,
+            // A diagnosis and a blind check write into a directory.
+            Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
         }
     }
 
@@ -82,7 +84,7 @@ impl Command {
             Command::Diagnose(call) => {
                 [&call.plant].into_iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
-            Command::Effects(_) => Vec::new(),
+            Command::Effects(_) | Command::BlindCheck(_) => Vec::new(),
         }
     }
 }
@@ -310,6 +312,92 @@ pub struct BoardRunCall {
 }
 
 #[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron blind-check --quick --seed 1 --out check
+  hysteron blind-check --verify check
+On two machines, then together:
+  hysteron blind-check --seed 1 --shard 1/2 --out part1
+  hysteron blind-check --seed 1 --shard 2/2 --out part2
+  hysteron blind-check --merge part1 part2 --out check
+A run that was stopped goes on with the same call. docs/blind-check.md says
+how it is done, and how a lab does it with its own logs (--manifest).")]
+pub struct BlindCheckCall {
+    /// Seed of the list and of every case
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Directory to write to
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// 40 cases of all kinds instead of 712
+    #[arg(long, conflicts_with = "scale")]
+    pub quick: bool,
+    /// So many times as many cases
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub scale: u32,
+    /// Only so many cases from the top of the list, which is shuffled
+    #[arg(long, value_name = "N")]
+    pub first: Option<usize>,
+    /// How much data a case has: short (4 s) or full (11 s)
+    #[arg(long, default_value = "short", value_parser = ["short", "full"])]
+    pub size: String,
+    /// Which forms and nuisances; the report split is opened once per release
+    #[arg(long, default_value = "develop", value_parser = ["develop", "calibrate", "report"])]
+    pub split: String,
+    /// Diagnose again with the true entry struck out
+    #[arg(long)]
+    pub leave_one_out: bool,
+    /// Make the proposed experiment where several effects are left, and diagnose again
+    #[arg(long)]
+    pub active: bool,
+    /// Diagnoses at a time; as many as there are cores where not given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub jobs: Option<u16>,
+    /// Only the I-th of N parts
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    pub shard: Option<Shard>,
+    /// Put parts together and score them
+    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["seed", "shard", "quick", "first"])]
+    pub merge: Vec<PathBuf>,
+    /// Repeat labels and score of a run from what it left, and say whether they agree
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["seed", "out", "merge", "manifest"])]
+    pub verify: Option<PathBuf>,
+    /// Measured logs whose label is sealed, instead of made cases
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["seed", "shard", "merge", "quick", "leave_one_out", "active"])]
+    pub manifest: Option<PathBuf>,
+    /// Book of the openings of the report split; blind/openings.csv where that folder is
+    #[arg(long, value_name = "FILE.csv")]
+    pub openings: Option<PathBuf>,
+    /// What the program was built from, for score and book: the output of git describe
+    #[arg(long, value_name = "TEXT", default_value = "unknown")]
+    pub commit: String,
+    /// Program that diagnoses, called as this one; for tests and comparisons
+    #[arg(long, value_name = "PROGRAM", hide = true)]
+    pub program: Option<PathBuf>,
+}
+
+/// A part of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Shard {
+    /// Which, from 1.
+    pub part: usize,
+    /// Of how many.
+    pub of: usize,
+}
+
+impl Shard {
+    /// Whether the case at this place of the list is in it.
+    pub fn holds(self, at: usize) -> bool {
+        at % self.of == self.part - 1
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.part, self.of)
+    }
+}
+
+#[derive(Args)]
 pub struct StartOptions {
     /// State at the log's first row: relaxed, rest (an equilibrium, which one is fitted) or fit
     #[arg(long, value_name = "STATE", default_value = "rest")]
@@ -366,6 +454,14 @@ fn positive(text: &str) -> Result<f64, String> {
 
 fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err("must not be negative".into()) })
+}
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(part, of)| Some((part.parse().ok()?, of.parse().ok()?)));
+    match parts {
+        Some((part, of)) if 1 <= part && part <= of => Ok(Shard { part, of }),
+        _ => Err("a part of a whole, such as 2/5".into()),
+    }
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {

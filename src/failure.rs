@@ -41,6 +41,11 @@ impl Failure {
         Self { code: NO_RESULT, message: message.into() }
     }
 
+    /// Work that came to no end.
+    pub fn interrupted(message: impl Into<String>) -> Self {
+        Self { code: NO_RESULT, message: message.into() }
+    }
+
     /// A failure to write `path`.
     pub fn unwritable(path: &Path, error: &std::io::Error) -> Self {
         Self::call(format!("{}: cannot be written: {error}; name another place", path.display()))
@@ -57,7 +62,7 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command = ["simulate", "replay", "identify", "diagnose", "effects", "board"];
+        let command = ["simulate", "replay", "identify", "diagnose", "effects", "blind-check", "board"];
         let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
         parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
         Self::call(parts.join("; "))

@@ -4,6 +4,7 @@
 //! argument names a place that can't take it. Errors are one line on standard error: what, where, what to do.
 
 mod arguments;
+mod blind;
 mod commands;
 mod failure;
 mod output;

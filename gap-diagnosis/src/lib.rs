@@ -7,4 +7,5 @@ pub mod identify;
 pub mod locate;
 pub mod page;
 pub mod residual;
+pub mod score;
 pub mod spectra;

@@ -23,6 +23,8 @@ pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("  identify   fits a plant with hysterons to measured logs");
     output::line("  diagnose   where plant and bench differ, which effect makes the difference, how far it shrinks");
     output::line("  effects    what a bench may do beyond its nominal plant, and how that shows");
+    output::line("  blind-check  the diagnosis tested on cases whose effect is withheld");
+    output::line("  board      the flash image on the virtual board");
     output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 
     let seed = seed.unwrap_or_else(clock);

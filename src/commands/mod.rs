@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod blind_check;
 mod board;
 mod demo;
 mod diagnose;
@@ -22,5 +23,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Diagnose(call)) => diagnose::diagnose(call),
         Some(Command::Effects(call)) => effects::effects(call),
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
+        Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

@@ -14,6 +14,7 @@ mod diagnosis;
 mod heat;
 mod identify;
 mod location;
+mod matrix;
 mod number;
 mod replay;
 mod simulation;
@@ -31,6 +32,7 @@ pub use diagnosis::{
 };
 pub use heat::{HeatMap, HeatScale, Strip};
 pub use identify::{FittedLog, FittedParameter, IdentifyView, StartView, identify_page};
+pub use matrix::Matrix;
 pub use number::four_digits;
 pub use replay::{ReplayView, SpectrumView, replay_page};
 pub use simulation::{SimulationView, simulation_page};
@@ -117,6 +119,17 @@ impl Page {
 
     /// A table; columns of numbers are set flush right.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<String>]) -> &mut Self {
+        self.linked_table(caption, header, rows, &[])
+    }
+
+    /// A table whose rows lead to other pages: the first cell of a row is its link, relative to this page. An empty link is none.
+    pub fn linked_table(
+        &mut self,
+        caption: &str,
+        header: &[&str],
+        rows: &[Vec<String>],
+        links: &[String],
+    ) -> &mut Self {
         // Column by column, header included; dashes stand for missing numbers.
         let is_right = |column_idx: usize| {
             let mut cells = rows.iter().filter_map(|row| row.get(column_idx)).filter(|cell| cell.as_str() != "–");
@@ -132,12 +145,20 @@ impl Page {
             .collect();
         let body: String = rows
             .iter()
-            .map(|row| {
+            .enumerate()
+            .map(|(row_idx, row)| {
+                let link = links.get(row_idx).filter(|link| !link.is_empty());
                 let cells: String = row
                     .iter()
                     .enumerate()
-                    .map(|(column_idx, cell)| match column_idx {
-                        0 => format!("<th scope=\"row\"{}>{}</th>", class(0), escape(cell)),
+                    .map(|(column_idx, cell)| match (column_idx, link) {
+                        (0, Some(link)) => format!(
+                            "<th scope=\"row\"{}><a href=\"{}\">{}</a></th>",
+                            class(0),
+                            escape(link),
+                            escape(cell)
+                        ),
+                        (0, None) => format!("<th scope=\"row\"{}>{}</th>", class(0), escape(cell)),
                         _ => format!("<td{}>{}</td>", class(column_idx), escape(cell)),
                     })
                     .collect();

@@ -1,0 +1,196 @@
+//! Runs diagnoses: each in its own process, in a folder that holds its logs and its plant and nothing else.
+
+use super::store::{read_json, sha256, write};
+use crate::failure::Failure;
+use crate::output;
+use gap_diagnosis::score::Answer;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Nominal plant of a case, beside its logs.
+pub const PLANT: &str = "nominal.toml";
+/// Says that a case is done; written last.
+const DONE: &str = "run.json";
+const ANSWER: &str = "diagnosis.json";
+/// Page of a case.
+pub const REPORT: &str = "report.html";
+/// Letters of what a failed diagnosis said that are kept.
+const MOST_SAID: usize = 400;
+
+/// How a diagnosis ran.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ran {
+    /// Exit code; none if a signal ended it, or if it could not be asked.
+    pub exit_code: Option<i32>,
+    /// How long it took.
+    pub seconds: f64,
+    /// Of the answer.
+    pub diagnosis_sha256: Option<String>,
+    /// What it said on standard error, where there is no answer.
+    pub said: Option<String>,
+}
+
+/// Logs that lie in a case's folder, by their names.
+pub struct Input {
+    /// To be diagnosed.
+    pub logs: Vec<String>,
+    /// To try the answer on.
+    pub held_out: Vec<String>,
+    /// Further arguments.
+    pub arguments: Vec<String>,
+}
+
+/// Diagnoses what `prepare` puts into `folder`, unless that is done already. Afterwards the folder holds [`DONE`], the answer
+/// and its page; the logs are gone, as they can be made again.
+///
+/// # Errors
+/// If files can't be written, the program can't be started or was interrupted. A diagnosis that fails is no error but an answer
+/// that is missing; so is what can't be asked, for which `prepare` says why.
+pub fn ask(
+    program: &Path,
+    folder: &Path,
+    prepare: impl FnOnce(&Path) -> Result<Result<Input, String>, Failure>,
+) -> Result<(), Failure> {
+    if folder.join(DONE).is_file() {
+        return Ok(());
+    }
+    let unwritable = |e| Failure::unwritable(folder, &e);
+    // What a killed run left.
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(unwritable)?;
+    }
+    fs::create_dir_all(folder).map_err(unwritable)?;
+    let ran = match prepare(folder)? {
+        Ok(input) => diagnose(program, folder, &input)?,
+        Err(why) => Ran { exit_code: None, seconds: 0.0, diagnosis_sha256: None, said: Some(why) },
+    };
+    for entry in fs::read_dir(folder).map_err(unwritable)? {
+        let path = entry.map_err(unwritable)?.path();
+        let is_kept = [ANSWER, REPORT].iter().any(|name| path.ends_with(name));
+        if path.is_dir() {
+            fs::remove_dir_all(&path).map_err(unwritable)?;
+        } else if !is_kept {
+            fs::remove_file(&path).map_err(unwritable)?;
+        }
+    }
+    write(&folder.join(DONE), super::store::json(&ran)?.as_bytes())
+}
+
+fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure> {
+    let started = Instant::now();
+    let mut command = Command::new(program);
+    // Nothing from outside: neither the environment nor standard input nor a path beyond the folder.
+    command.current_dir(folder).env_clear().env("RAYON_NUM_THREADS", "1").stdin(Stdio::null()).stdout(Stdio::null());
+    command.args(["diagnose", "--plant", PLANT]).args(&input.logs);
+    for log in &input.held_out {
+        command.args(["--held-out", log]);
+    }
+    command.args(["--out", "answer"]).args(&input.arguments);
+    let output = command
+        .output()
+        .map_err(|e| Failure::call(format!("{}: cannot be started: {e}; name another program", program.display())))?;
+    if was_interrupted(output.status) {
+        return Err(Failure::interrupted("interrupted: the same call goes on where this one stopped"));
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let exit_code = output.status.code();
+    let answer = folder.join("answer");
+    if exit_code == Some(0)
+        && let Ok(text) = fs::read(answer.join(ANSWER))
+    {
+        let unwritable = |e| Failure::unwritable(folder, &e);
+        fs::rename(answer.join(ANSWER), folder.join(ANSWER)).map_err(unwritable)?;
+        // A page is welcome, and not part of the answer.
+        let _ = fs::rename(answer.join(REPORT), folder.join(REPORT));
+        return Ok(Ran { exit_code, seconds, diagnosis_sha256: Some(sha256(&text)), said: None });
+    }
+    let said = String::from_utf8_lossy(&output.stderr);
+    let said: String = said.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(MOST_SAID).collect();
+    let said = format!("{}: {}", output.status, if said.is_empty() { "no diagnosis.json" } else { &said });
+    Ok(Ran { exit_code, seconds, diagnosis_sha256: None, said: Some(said) })
+}
+
+/// Whether somebody asked the process to stop, which says nothing about the case.
+#[cfg(unix)]
+fn was_interrupted(status: ExitStatus) -> bool {
+    use std::os::unix::process::ExitStatusExt;
+    // Hang-up, interrupt from the keyboard, terminate.
+    matches!(status.signal(), Some(1 | 2 | 15))
+}
+
+#[cfg(not(unix))]
+fn was_interrupted(_: ExitStatus) -> bool {
+    false
+}
+
+/// How the diagnosis in `folder` ran, if it did.
+pub fn ran(folder: &Path) -> Option<Ran> {
+    read_json(&folder.join(DONE)).ok()
+}
+
+/// The answer in `folder`, or why there is none.
+///
+/// # Errors
+/// What the diagnosis said instead, or what is wrong with its answer.
+pub fn answer(folder: &Path) -> Result<Answer, String> {
+    let ran = ran(folder).ok_or("not diagnosed")?;
+    if let Some(said) = ran.said {
+        return Err(said);
+    }
+    let text = fs::read_to_string(folder.join(ANSWER)).map_err(|e| format!("{ANSWER}: {e}"))?;
+    if ran.diagnosis_sha256.as_deref() != Some(&sha256(text.as_bytes())) {
+        return Err(format!("{ANSWER}: changed since it was written"));
+    }
+    Answer::parse(&text).map_err(|e| format!("{ANSWER}: {e}"))
+}
+
+/// Does `work` on every item, `jobs` at a time, with a bar. The first failure stops what has not begun.
+///
+/// # Errors
+/// The first failure.
+pub fn each<T: Sync>(
+    items: &[T],
+    jobs: usize,
+    what: &'static str,
+    work: impl Fn(&T) -> Result<(), Failure> + Sync,
+) -> Result<(), Failure> {
+    let bar = output::bar(items.len() as u64, what);
+    let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
+    let is_stopped = || failed.lock().map_or(true, |failed| failed.is_some());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, items.len().max(1)) {
+            scope.spawn(|| {
+                while let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed))
+                    && !is_stopped()
+                {
+                    if let Err(failure) = work(item)
+                        && let Ok(mut failed) = failed.lock()
+                    {
+                        failed.get_or_insert(failure);
+                    }
+                    bar.inc(1);
+                }
+            });
+        }
+    });
+    bar.finish_and_clear();
+    match failed.into_inner() {
+        Ok(Some(failure)) => Err(failure),
+        _ => Ok(()),
+    }
+}
+
+/// The program that diagnoses: as asked, or this one.
+///
+/// # Errors
+/// If this one can't be found.
+pub fn program(asked: Option<&Path>) -> Result<PathBuf, Failure> {
+    // Absolute, because each diagnosis runs in its own folder.
+    let found = asked.map_or_else(std::env::current_exe, fs::canonicalize);
+    found.map_err(|e| Failure::call(format!("the program that diagnoses is not there: {e}")))
+}

@@ -1,0 +1,75 @@
+//! Repeats a run's books from its artefacts: is what was sealed what is so, and the score what the answers are worth?
+
+use super::books::{answers_sha256, provenance, score_made, score_text, unseal};
+use super::made::{case, truth_text};
+use super::plan::{Label, Order};
+use super::runner::{answer, each, ran};
+use super::store::{Store, json, read, read_json, sha256};
+use crate::failure::Failure;
+use crate::output;
+use std::sync::Mutex;
+
+/// Verifies the run in `store`, one line for each question.
+///
+/// # Errors
+/// If anything does not agree, or can't be read.
+pub fn verify(store: &Store, jobs: usize) -> Result<(), Failure> {
+    let order: Order = read_json(&store.path("order.json"))?;
+    let labels: Vec<Label> = order.labels().map_err(Failure::file)?;
+    let ids: Vec<&str> = labels.iter().map(|label| label.id.as_str()).collect();
+    let mut doubts = Vec::new();
+    let mut ask = |question: &str, doubt: Option<String>| {
+        output::line(&format!("  {question}: {}", if doubt.is_none() { "yes" } else { "NO" }));
+        doubts.extend(doubt);
+    };
+
+    let sealed = unseal(store);
+    ask("the labels are what was sealed", sealed.as_ref().err().map(Failure::line));
+    let made = json(&labels)?;
+    let is_made = sealed.as_ref().is_ok_and(|sealed| *sealed == made);
+    ask("the labels follow from the seed", (!is_made).then(|| "sealed/labels.json is not what the seed gives".into()));
+
+    let wrong = Mutex::new(Vec::new());
+    each(&labels, jobs, "making the cases again", |label| {
+        let is_same = truth_text(&case(label, &order)?)? == read(&store.truth(&label.id)).unwrap_or_default();
+        if !is_same && let Ok(mut wrong) = wrong.lock() {
+            wrong.push(label.id.clone());
+        }
+        Ok(())
+    })?;
+    let wrong = wrong.into_inner().unwrap_or_default();
+    ask("the truths follow from the labels", first(&wrong, "truths differ"));
+
+    let is_touched = |id: &&&str| match ran(&store.case(id)) {
+        None => true,
+        // A diagnosis that failed has no answer to touch.
+        Some(ran) => {
+            ran.diagnosis_sha256.is_some() && answer(&store.case(id)).is_err_and(|e| e.contains("changed since"))
+        }
+    };
+    let touched: Vec<String> = ids.iter().filter(is_touched).map(|id| (*id).to_owned()).collect();
+    ask("the answers are there as they were written", first(&touched, "answers are missing or changed"));
+
+    let written = read(&store.path("score.json")).unwrap_or_default();
+    let commit = serde_json::from_str::<serde_json::Value>(&written).unwrap_or_default();
+    let commit = commit["provenance"]["commit"].as_str().unwrap_or("unknown");
+    let provenance = provenance(&order, &sha256(made.as_bytes()), &answers_sha256(store, &ids), commit);
+    // Truths that are gone leave nothing to score.
+    let again = score_made(store, &labels).and_then(|score| score_text(&score, &provenance)).unwrap_or_default();
+    ask(
+        "the score follows from the answers",
+        (again != written).then(|| "score.json differs from the score of the answers".into()),
+    );
+
+    match doubts.first() {
+        None => {
+            output::line("everything agrees");
+            Ok(())
+        }
+        Some(doubt) => Err(Failure::file(format!("{}: {doubt}", store.0.display()))),
+    }
+}
+
+fn first(ids: &[String], what: &str) -> Option<String> {
+    ids.first().map(|id| format!("{} {what}, the first is {id}", ids.len()))
+}
