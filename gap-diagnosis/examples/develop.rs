@@ -77,6 +77,7 @@ fn main() {
                     );
                 }
             }
+            println!("    lines {:?}", found.line_hz);
             println!("    {:?}", found.scattered);
             for lead in found.leads.iter().take(12) {
                 println!("      lead {} {} {:.1} %", lead.effect.id(), lead.form.name, 100.0 * lead.share);

@@ -118,7 +118,8 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     };
     if gap {
         explanations.extend(fits.iter().map(explain));
-        explanations.extend(by_scatter(&scattered, &refit, floor, without));
+        let best_share = leads.first().map_or(0.0, |lead| lead.share);
+        explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
     }
     // What the nominal numbers imitate leaves the fit as it is: on the refit, and on the best explanation.
     if !gap {
@@ -313,7 +314,14 @@ fn early_share(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> f64 {
 }
 
 /// Effects that only scatter tells.
-fn by_scatter(scattered: &Scattered, refit: &Candidate, floor: f64, without: &[&str]) -> Vec<Explanation> {
+fn by_scatter(
+    scattered: &Scattered,
+    refit: &Candidate,
+    floor: f64,
+    without: &[&str],
+    best_share: f64,
+    has_lines: bool,
+) -> Vec<Explanation> {
     let mut found = Vec::new();
     let mut add = |id: &'static str, form: &str, value: f64, left: f64| {
         if without.contains(&id) || value <= 0.0 {
@@ -348,8 +356,9 @@ fn by_scatter(scattered: &Scattered, refit: &Candidate, floor: f64, without: &[&
         scattered.repeated_share,
         (unexplained(scattered.repeated_m2) - 0.1).max(0.0) + 0.01,
     );
+    // Noise neither has lines nor follows anything that the registry's directions follow.
     let even = scattered.unevenness;
-    if even < 1.0 {
+    if even < 1.0 && best_share < HOPELESS && !has_lines {
         add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), 0.4 * even);
     }
     found
