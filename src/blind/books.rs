@@ -175,8 +175,8 @@ pub fn publish(store: &Store, shown: &Shown<'_>) -> Result<(), Failure> {
         if has_report { format!("cases/{id}/{REPORT}") } else { String::new() }
     };
     let seconds = |key: &str| four_digits(timing[key].as_f64().unwrap_or(f64::NAN), "s");
-    let facts =
-        [("median time of a diagnosis".to_owned(), seconds("median_s")), ("longest".to_owned(), seconds("longest_s"))];
+    let times = format!("{} / {}", seconds("median_s"), seconds("longest_s"));
+    let facts = [("median / longest diagnosis".to_owned(), times)];
     let mut provenance = output::provenance(shown.seed);
     for key in ["commit", "labels_sha256", "answers_sha256"] {
         provenance.push(format!("{key} {}", shown.provenance[key].as_str().unwrap_or("unknown")));

@@ -51,7 +51,7 @@ pub(super) fn bars(score: &Score) -> Vec<Bar> {
         // This bar is on the lower bound itself.
         Bar {
             is_met: coverage.of > 0 && coverage.low >= 0.88,
-            ..Bar::rate("coverage of the 90 % sets, lower bound", coverage, 0.88, true)
+            ..Bar::rate("coverage of the 90 % sets (by its lower bound)", coverage, 0.88, true)
         },
         Bar::new("mean size of the 90 % sets", score.sets.mean_size, 1.5, false),
         Bar::new("expected calibration error", score.calibration.expected_error, 0.05, false),

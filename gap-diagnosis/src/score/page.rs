@@ -136,9 +136,8 @@ fn matrix(score: &Score) -> Matrix {
 fn recall(score: &Score) -> BarList {
     let item = |recall: &super::Recall| {
         let from = match recall.detectable_from {
-            Some(0.0) => String::new(),
-            Some(from) => format!(", from {from} x noise"),
-            None => ", not detectable".to_owned(),
+            Some(from) => format!(", from {from}×"),
+            None => ", never".to_owned(),
         };
         item(&recall.effect, &recall.recall, &from)
     };
@@ -146,8 +145,8 @@ fn recall(score: &Score) -> BarList {
     items.sort_by(|a, b| a.percent.total_cmp(&b.percent));
     BarList {
         title: "Recall of each effect".to_owned(),
-        caption: "How often it was named, by the class rule; the pale bar ends at the upper end of the 95 % interval, the remark \
-                  has the lower end and the gap over noise from which on three of four are found."
+        caption: "How often it was named, by the class rule; the pale bar ends at the upper end of the 95 % interval. Remark: \
+                  cases, lower end of the interval, gap over noise from which on three of four are found."
             .to_owned(),
         ink: Ink::Model,
         full_percent: Some(100.0),
@@ -175,7 +174,7 @@ fn item(label: &str, rate: &Rate, more: &str) -> BarItem {
         label: label.to_owned(),
         percent: 100.0 * rate.share,
         behind_percent: Some(100.0 * rate.high),
-        note: format!("{} of {}, ≥ {:.0} %{more}", rate.hits, rate.of, 100.0 * rate.low),
+        note: format!("{}/{}, ≥ {:.0} %{more}", rate.hits, rate.of, 100.0 * rate.low),
     }
 }
 
@@ -204,7 +203,7 @@ fn calibration(score: &Score) -> Chart {
     Chart::loops(
         "Calibration",
         &format!(
-            "Answers in ten bins of their probability. On the dashed line they are as often right as they say; mean distance {}.",
+            "Answers in ten bins of their probability. On the straight line they are as often right as they say; mean distance {}.",
             percent(score.calibration.expected_error)
         ),
         Axis::new("stated probability", "%"),

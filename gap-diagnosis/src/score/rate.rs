@@ -30,7 +30,10 @@ impl Rate {
         let share = hits as f64 / n;
         let centre = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
         let half = Z_95 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();
-        Self { hits, of, share, low: (centre - half).max(0.0), high: (centre + half).min(1.0) }
+        // At the ends the formula gives 0 and 1 but for rounding.
+        let low = if hits == 0 { 0.0 } else { centre - half };
+        let high = if hits == of { 1.0 } else { centre + half };
+        Self { hits, of, share, low, high }
     }
 
     /// Share of `items` for which `is_so` holds.
@@ -70,6 +73,7 @@ mod tests {
         let (none, all) = (Rate::new(0, 20), Rate::new(20, 20));
         assert!(none.low == 0.0 && (none.high - 0.1611).abs() < 5e-5, "{none:?}");
         assert!((all.low - 0.8389).abs() < 5e-5 && all.high == 1.0, "{all:?}");
+        assert_eq!((Rate::new(0, 5).low, Rate::new(7, 7).high), (0.0, 1.0));
         assert!(Rate::new(0, 0).share.is_nan());
     }
 
