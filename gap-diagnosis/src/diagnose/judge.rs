@@ -2,7 +2,7 @@
 
 use super::bench::{Bench, Freedom, HeldOut};
 use super::evidence::{Judged, probabilities, unknown_score};
-use super::lines::lines;
+use super::lines::{lines, resonances};
 use super::normal::reader;
 use super::screen::{Lead, screen};
 use super::search::{Candidate, Search};
@@ -95,7 +95,8 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     if gap {
         say("screening the registry", 0.15);
         let skipped: Vec<&str> = SYMMETRIC.iter().chain(without).copied().collect();
-        leads = screen(bench, &refit.hypothesis, &refit.found, &line_hz, &skipped, search.simulations);
+        let starts = [&line_hz[..], &resonances(bench, &residuals_m)];
+        leads = screen(bench, &refit.hypothesis, &refit.found, starts, &skipped, search.simulations);
         fits = fit_leads(search, &refit, &leads, &residuals_m, without, say);
     }
     let mut explanations = Vec::new();
@@ -205,7 +206,8 @@ fn fit_leads(
             let residuals_m = search.residuals_m(first);
             let line_hz = lines(search.bench, &residuals_m);
             let skipped: Vec<&str> = SYMMETRIC.iter().chain(without).copied().collect();
-            let seconds = screen(search.bench, &first.hypothesis, &first.found, &line_hz, &skipped, search.simulations);
+            let starts = [&line_hz[..], &resonances(search.bench, &residuals_m)];
+            let seconds = screen(search.bench, &first.hypothesis, &first.found, starts, &skipped, search.simulations);
             for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
                 let pair = search.extend(first, lead, false);
                 let takes = 1.0 - ((pair.chi - 1.0).max(0.0) / (first.chi - 1.0).max(1e-12)).sqrt();

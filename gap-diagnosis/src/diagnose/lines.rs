@@ -1,6 +1,7 @@
 //! Lines in residuals: frequencies at which all logs together hold more power than their neighbourhood, drive or no drive.
 
 use super::bench::Bench;
+use crate::spectra::power_density;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 
@@ -12,6 +13,10 @@ const PROMINENCE: f64 = 12.0;
 const NEIGHBOURS: usize = 60;
 /// Most lines that are reported.
 const MOST: usize = 6;
+/// Samples of a segment for resonances, the lowest of them, and how far apart they are reported, as a logarithm.
+const RESONANCE_SEGMENT: usize = 4096;
+const LOWEST_RESONANCE_HZ: f64 = 50.0;
+const APART: f64 = 0.02;
 /// Frequencies of the common axis.
 const BINS: usize = 1 << 15;
 
@@ -64,6 +69,30 @@ pub fn lines(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     let width_hz = highest_hz / BINS as f64;
     peaks.into_iter().take(MOST).map(|(_, hz)| sharpened(bench, residuals_m, hz, width_hz)).collect()
+}
+
+/// Frequencies in Hz at which the residuals of all logs together have most power, strongest first: where a resonance that nobody
+/// modelled would be, under an excitation that reaches it.
+pub fn resonances(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    for (record, residual_m) in bench.records.iter().zip(residuals_m) {
+        let density = power_density(residual_m, record.log.dt_s, RESONANCE_SEGMENT.min(residual_m.len() / 2));
+        let power = &density.density_m2_per_hz;
+        for bin in 2..power.len().saturating_sub(2) {
+            let is_peak = power[bin - 2..=bin + 2].iter().all(|other| *other <= power[bin]);
+            if is_peak && density.frequency_hz[bin] > LOWEST_RESONANCE_HZ {
+                found.push((power[bin], density.frequency_hz[bin]));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut apart: Vec<f64> = Vec::new();
+    for (_, hz) in found {
+        if apart.len() < MOST && apart.iter().all(|other| (hz / other).ln().abs() > APART) {
+            apart.push(hz);
+        }
+    }
+    apart
 }
 
 /// The frequency near `hz` at which all logs together have most power: a line of several seconds is much narrower than a bin.

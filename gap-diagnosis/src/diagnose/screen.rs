@@ -67,16 +67,16 @@ impl Block {
 
 /// Leads of all forms, the best of each form, most promising first.
 ///
-/// `line_hz` are frequencies at which the residual has lines: a form whose frequency is free starts there.
+/// `line_hz` and `resonance_hz` are frequencies at which the residual has lines and peaks: forms whose frequency is free start there.
 pub fn screen(
     bench: &Bench<'_>,
     base: &Hypothesis,
     found: &Found,
-    line_hz: &[f64],
+    [line_hz, resonance_hz]: [&[f64]; 2],
     without: &[&str],
     simulations: &AtomicUsize,
 ) -> Vec<Lead> {
-    let blocks = blocks(bench, base, line_hz, without);
+    let blocks = blocks(bench, base, [line_hz, resonance_hz], without);
     let rules = bench.rules(base);
     let weights = noise_weights(bench);
     let size = found.z.len();
@@ -256,7 +256,7 @@ fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option
     gain.is_finite().then_some((amplitudes, gain.max(0.0)))
 }
 
-fn blocks(bench: &Bench<'_>, base: &Hypothesis, line_hz: &[f64], without: &[&str]) -> Vec<Block> {
+fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]; 2], without: &[&str]) -> Vec<Block> {
     let scales = bench.scales();
     let mut blocks = Vec::new();
     let taken = base.ids();
@@ -273,12 +273,14 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, line_hz: &[f64], without: &[&str
                 .map(|axis| {
                     let is_line = axis.parameter.name == "line_hz";
                     let [low, high] = axis.parameter.bounds;
-                    let lines: Vec<f64> = line_hz.iter().copied().filter(|hz| (low..=high).contains(hz)).collect();
+                    let within = |all: &[f64]| -> Vec<f64> {
+                        all.iter().copied().filter(|hz| (low..=high).contains(hz)).collect()
+                    };
                     // A resonance narrower than the spacing of the starts shows as a line under a broad excitation.
                     let is_resonance = axis.parameter.name == "natural_hz" && effect.id() == "vibration_mode";
                     match (is_line, is_resonance) {
-                        (true, _) => lines,
-                        (_, true) => axis.starts().into_iter().chain(lines).collect(),
+                        (true, _) => within(line_hz),
+                        (_, true) => axis.starts().into_iter().chain(within(resonance_hz)).collect(),
                         _ => axis.starts(),
                     }
                 })
