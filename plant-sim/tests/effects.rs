@@ -380,7 +380,7 @@ fn files_with_an_effect_that_cant_be_are_refused_with_one_line() {
     }
     // Too many hysterons in all.
     let element = "[[effect]]\nid = \"creep\"\nform = \"logarithmic\"\n[effect.parameters]\nstiffness_ratio = { value = 0.1 }\n\
-                   time_constant_s = { value = 0.1 }\n";
+                   time_constant_s = { value = 0.1 }\ntime_constant_ratio = { value = 10.0 }\n";
     std::fs::write(&path, format!("{nominal}\n{}", element.repeat(9))).expect("room on the disk");
     let error = Model::read(&path).expect_err("too many").to_string();
     assert!(error.contains("38 hysterons with those of the effects; at most "), "{error}");
@@ -395,6 +395,6 @@ fn files_with_an_effect_that_cant_be_are_refused_with_one_line() {
     // What belongs to single logs needn't be stated.
     std::fs::write(&path, format!("{nominal}\n[[effect]]\nid = \"mains_hum\"\nform = \"50 Hz\"\n"))
         .expect("room on the disk");
-    assert_eq!(Model::read(&path).expect("complete").chain().sensor.lines.len(), 3);
+    assert_eq!(Model::read(&path).expect("complete").chain().sensor.lines.len(), 5);
     std::fs::remove_dir_all(&folder).expect("ours");
 }
