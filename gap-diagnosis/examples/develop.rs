@@ -22,7 +22,7 @@ fn main() {
         let logs: Vec<_> =
             paths.iter().filter(is_log).map(|p| read(p, &ReadOptions::default()).expect("a log")).collect();
         let chain = model.chain();
-        let records = logs.iter().map(|log| record(log, &chain, None, false)).collect();
+        let records = logs.iter().map(|log| record(log, &chain, None)).collect();
         let bench = Bench::new(&model, records);
         let simulations = AtomicUsize::new(0);
         let search = Search { bench: &bench, simulations: &simulations };
@@ -54,17 +54,6 @@ fn main() {
                 e.candidate.hypothesis.installed.iter().map(|i| i.form.name).collect::<Vec<_>>().join("+"),
                 values.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")
             );
-        }
-        if let (Ok(to), Some(best)) = (std::env::var("DUMP"), found.explanations.first()) {
-            let residuals = search.residuals_m(&best.candidate);
-            let mut text = String::new();
-            for (index, (record, residual)) in bench.records.iter().zip(&residuals).enumerate() {
-                for (k, r) in residual.iter().enumerate() {
-                    let log = record.log;
-                    text += &format!("{index},{k},{},{},{}\n", log.command_v[k], 1e9 * log.displacement_m[k], 1e9 * r);
-                }
-            }
-            std::fs::write(to, text).expect("written");
         }
         if verbose {
             if let Some(best) = found.explanations.first() {

@@ -1,7 +1,7 @@
 //! The answer: what `diagnosis.json` says (schema `hysteron-diagnosis-1`), and what the page needs beside it.
 
 use super::augment::{Augmented, Changed, Estimate, augment};
-use super::bench::{Bench, HeldOut};
+use super::bench::Bench;
 use super::gap::{Gap, ShareOf, Three, gap, shares};
 use super::judge::{Course, Explanation};
 use super::next::{NextExperiment, next_experiment};
@@ -413,7 +413,7 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
         let thin = |values: &[f64]| values.iter().step_by(stride).copied().collect::<Vec<f64>>();
         LogEvidence {
             name: log.name.clone(),
-            is_held_out: index >= fitted || record.held_out == HeldOut::Everything,
+            is_held_out: index >= fitted,
             dt_s: stride as f64 * log.dt_s,
             from_s: log.time_start_s,
             run_in: record.run_in / stride,

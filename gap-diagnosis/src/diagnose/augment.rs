@@ -94,12 +94,11 @@ pub(super) fn augment(
         let mut z = carry(bench, &base.hypothesis, &base.found.z, bench, &hypothesis, true);
         if let Some((_, _, direction)) = directions(bench).iter().find(|(id, _, _)| *id == freed.effect) {
             for (z, along) in z.iter_mut().zip(direction.iter()) {
-                *z -= freed.log_factor * along;
+                *z -= freed.along * along;
             }
         }
-        // All three are written as one plus a ratio.
         let axis = &hypothesis.installed[hypothesis.installed.len() - 1].axes[0];
-        let value = axis.coordinate(freed.log_factor.exp_m1());
+        let value = axis.coordinate(freed.value);
         for index in 0..bench.records.len() {
             if let Some(&place) = bench.places(&hypothesis, index).last().and_then(|places| places.first()) {
                 z[place] = value;
@@ -118,14 +117,14 @@ pub(super) fn augment(
 
 /// One over the variance that a row counts with: that of the residual times the rows that make one independent.
 fn independent_weights(search: &Search<'_>, candidate: &Candidate) -> Vec<f64> {
-    let residuals_m = search.residuals_m(candidate);
+    let remainders = search.play(candidate);
     search
         .bench
         .records
         .iter()
-        .zip(&residuals_m)
-        .map(|(record, residual_m)| {
-            let residual_m = &residual_m[record.run_in..];
+        .zip(&remainders)
+        .map(|(record, remainder)| {
+            let residual_m = &remainder.residual_m[record.run_in..];
             let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
             1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(residual_m))
         })
@@ -180,7 +179,7 @@ impl Augmented {
                 name: free.quantity.name(),
                 nominal: free.prior * unit,
                 refit: free.at(*z) * unit,
-                sigma: free.prior * unit * free.prior_sigma,
+                sigma: free.prior_sigma_si() * unit,
             }
         });
         changed.collect()
@@ -197,10 +196,7 @@ impl Augmented {
         let mut model = bench.model.clone();
         model.name = format!("{}, diagnosed", model.name);
         for (i, free) in bench.free.iter().enumerate() {
-            let sigma = free.number_sigma(self.variant.z[i], self.sigma(i));
-            let record = free.quantity.record(&mut model);
-            let value = free.at(self.variant.z[i]) * free.quantity.per_si();
-            *record = Param::new(value, if sigma.is_finite() { sigma } else { free.prior_sigma }, source);
+            *free.quantity.record(&mut model) = free.param(self.variant.z[i], self.sigma(i), source);
         }
         let estimates = self.estimates(bench);
         let mut next = estimates.iter();
@@ -256,6 +252,6 @@ fn params(estimates: &[&Estimate], source: &str) -> Vec<Param> {
 fn log_factor(scale: Scale, z: f64) -> f64 {
     match scale {
         Scale::Log { bound } => bound * (z / bound).tanh(),
-        Scale::NotNegative { .. } => z,
+        Scale::Shift { .. } | Scale::NotNegative { .. } => z,
     }
 }

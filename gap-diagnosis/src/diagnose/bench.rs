@@ -2,6 +2,7 @@
 //! added to it. A vector of coordinates becomes one chain and one start for every log.
 
 use crate::identify::parameters::{Free, Quantity, Scale};
+use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::Log;
@@ -30,32 +31,32 @@ pub struct Record<'a> {
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
     pub before_v: [f64; 2],
-    /// Rows that are never fitted, only scored.
-    pub held_out: HeldOut,
-    /// Noise of the drive monitor in volts, if the log has one.
+    /// Every fifth stretch of this many rows is never fitted, only scored.
+    pub stretch: usize,
+    /// What a reading of the drive monitor is uncertain by, in volts, if the log has one.
     pub monitor_v: Option<f64>,
 }
 
-/// Which rows of a log are kept from the fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HeldOut {
-    /// None.
-    Nothing,
-    /// Every fifth of stretches of this many rows.
-    Stretches(usize),
-    /// All of them.
-    Everything,
-}
-
-impl HeldOut {
+impl Record<'_> {
     /// Whether row `k` is kept from the fits.
     #[inline]
-    pub fn holds(self, k: usize) -> bool {
-        match self {
-            HeldOut::Nothing => false,
-            HeldOut::Stretches(rows) => (k / rows) % 5 == 3,
-            HeldOut::Everything => true,
+    pub fn holds_out(&self, k: usize) -> bool {
+        (k / self.stretch) % 5 == 3
+    }
+
+    /// What of a difference counts: what a reading on a lattice leaves open is no residual.
+    #[inline]
+    pub fn off_lattice_m(&self, difference_m: f64) -> f64 {
+        if self.lattice_m > 0.0 {
+            (difference_m.abs() - 0.5 * self.lattice_m).max(0.0).copysign(difference_m)
+        } else {
+            difference_m
         }
+    }
+
+    /// What a volt at the drive monitor counts as in metres of displacement, so that both readings have one weight.
+    pub fn monitor_m_per_v(&self) -> Option<f64> {
+        self.monitor_v.map(|sigma_v| self.noise_m / sigma_v)
     }
 }
 
@@ -166,6 +167,11 @@ impl Hypothesis {
         Self { installed, freedom }
     }
 
+    /// Parameters of its forms.
+    pub fn parameters(&self) -> usize {
+        self.installed.iter().map(|installed| installed.axes.len()).sum()
+    }
+
     /// Identifiers of its effects.
     pub fn ids(&self) -> Vec<&'static str> {
         self.installed.iter().map(|i| i.effect.id()).collect()
@@ -185,6 +191,36 @@ pub struct Rule {
     pub most: f64,
     /// Step of finite differences.
     pub step: f64,
+}
+
+impl Rule {
+    /// What coordinate `z` costs under the prior, chi-square.
+    pub fn cost(&self, z: f64) -> f64 {
+        ((z - self.centre) / self.sigma).powi(2)
+    }
+
+    /// The step of finite differences at `z`: towards the inside, so that a bound doesn't swallow it.
+    pub fn inward_step(&self, z: f64) -> f64 {
+        if z + self.step > self.bounds[1] { -self.step } else { self.step }
+    }
+}
+
+/// Adds the priors of coordinates `z` to the information and the gradient of the data, both in the order of `rules`.
+pub(super) fn add_priors(rules: &[Rule], z: &[f64], information: &mut DMatrix<f64>, gradient: &mut DVector<f64>) {
+    for (i, rule) in rules.iter().enumerate() {
+        // An infinite sigma adds nothing.
+        information[(i, i)] += rule.sigma.powi(-2);
+        gradient[i] -= (z[i] - rule.centre) * rule.sigma.powi(-2);
+    }
+}
+
+/// Gives coordinates that change nothing and have no prior a unit of information, so that the rest can be solved.
+pub(super) fn pin_idle(information: &mut DMatrix<f64>) {
+    for i in 0..information.nrows() {
+        if information[(i, i)] <= 0.0 {
+            information[(i, i)] = 1.0;
+        }
+    }
 }
 
 /// The nominal plant and the logs.
@@ -233,6 +269,7 @@ impl<'a> Bench<'a> {
                 prior_sigma: quantity.record(&mut writable).sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
             })
             .filter(|free| free.prior > 0.0)
+            .chain(stated_offset(model))
             .collect();
         let span = |values: &[f64]| {
             let (low, high) =
@@ -276,6 +313,11 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// Whether a log tells drive from actuator.
+    pub fn is_monitored(&self) -> bool {
+        self.records.iter().any(|record| record.monitor_v.is_some())
+    }
+
     fn hysterons(&self) -> usize {
         self.chain.plant.hysterons.len()
     }
@@ -312,6 +354,12 @@ impl<'a> Bench<'a> {
         self.shared(hypothesis) + index * self.own(hypothesis)
     }
 
+    /// The coordinates that log `index` depends on: the shared ones, then its own.
+    pub fn coordinates_of(&self, hypothesis: &Hypothesis, index: usize) -> Vec<usize> {
+        let own = self.own_start(hypothesis, index);
+        (0..self.shared(hypothesis)).chain(own..own + self.own(hypothesis)).collect()
+    }
+
     /// Where each axis of the hypothesis sits: for log `index`, the coordinates of its axes, form by form.
     pub fn places(&self, hypothesis: &Hypothesis, index: usize) -> Vec<Vec<usize>> {
         let mut shared = self.free.len();
@@ -330,7 +378,13 @@ impl<'a> Bench<'a> {
         let mut rules: Vec<Rule> = self
             .free
             .iter()
-            .map(|free| Rule { centre: 0.0, sigma: free.prior_sigma, bounds: [-2.0, 2.0], most: 0.3, step: 1e-4 })
+            .map(|free| {
+                let (reach, most, step) = match free.scale {
+                    Scale::Log { .. } => (2.0, 0.3, 1e-4),
+                    Scale::Shift { .. } | Scale::NotNegative { .. } => (1e6, f64::INFINITY, 1e-2),
+                };
+                Rule { centre: 0.0, sigma: free.prior_sigma, bounds: [-reach, reach], most, step }
+            })
             .collect();
         rules.resize(
             self.coordinates(hypothesis),
@@ -440,6 +494,14 @@ impl<'a> Bench<'a> {
         let start = self.start_at(hypothesis, z, index, &chain);
         (start.state, start.drive_v)
     }
+}
+
+/// The sensor's zero, if the plant's file says how well it is known: what lies within that is no gap.
+fn stated_offset(model: &Model) -> Option<Free> {
+    let offset_um = model.sensor.offset_um.as_ref()?;
+    let unit = offset_um.sigma_abs.filter(|sigma| *sigma > 0.0)? / Quantity::Offset.per_si();
+    let prior = offset_um.value / Quantity::Offset.per_si();
+    Some(Free { quantity: Quantity::Offset, prior, scale: Scale::Shift { unit }, prior_sigma: 1.0 })
 }
 
 /// Largest rate of a log's command that is not a step: the 99th percentile of its changes, in V/s.

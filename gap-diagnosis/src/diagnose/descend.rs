@@ -4,7 +4,7 @@
 //! are almost flat (a capacitance against a dead zone, the slope of a fast hysteron). Counted in a unit much larger than the noise,
 //! the priors hold the nominal numbers together until the fit is near.
 
-use super::bench::{Bench, Hypothesis, Rule};
+use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
 use super::normal::{Normal, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
@@ -52,7 +52,7 @@ pub fn noise_weights(bench: &Bench<'_>) -> Vec<f64> {
 
 /// Squares of the shifts of all coordinates that have a prior; `only` the first so many.
 fn prior_cost(rules: &[Rule], z: &[f64], only: usize) -> f64 {
-    rules.iter().zip(z).take(only).map(|(rule, z)| ((z - rule.centre) / rule.sigma).powi(2)).sum()
+    rules.iter().zip(z).take(only).map(|(rule, &z)| rule.cost(z)).sum()
 }
 
 /// Descends from `z` through `stages`.
@@ -118,12 +118,7 @@ fn step(
     simulations: &AtomicUsize,
 ) -> Option<(Vec<f64>, f64)> {
     let (mut information, mut gradient) = normal.assemble(weights);
-    for (i, rule) in rules.iter().enumerate() {
-        if rule.sigma.is_finite() {
-            information[(i, i)] += rule.sigma.powi(-2);
-            gradient[i] -= (z[i] - rule.centre) / rule.sigma.powi(2);
-        }
-    }
+    add_priors(rules, z, &mut information, &mut gradient);
     let mut damping = DAMPING;
     while damping <= MOST_DAMPING {
         let change = bounded_step(&information, &gradient, rules, z, damping)?;
@@ -183,13 +178,8 @@ fn bounded_step(
 
 /// Covariance of all coordinates at the noise, priors included.
 pub fn covariance(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found, weights: &[f64]) -> Option<DMatrix<f64>> {
-    let (mut information, _) = found.normal.assemble(weights);
-    for (i, rule) in bench.rules(hypothesis).iter().enumerate() {
-        if rule.sigma.is_finite() {
-            information[(i, i)] += rule.sigma.powi(-2);
-        } else if information[(i, i)] <= 0.0 {
-            information[(i, i)] = 1e12;
-        }
-    }
+    let (mut information, mut gradient) = found.normal.assemble(weights);
+    add_priors(&bench.rules(hypothesis), &found.z, &mut information, &mut gradient);
+    pin_idle(&mut information);
     information.cholesky().map(|c| c.inverse())
 }

@@ -84,7 +84,7 @@ pub(super) fn is_scored(benches: &Benches<'_>, index: usize, row: usize) -> bool
         Some(held) => index >= fitted && row >= scored_from(&held.records[index - fitted]),
         None => {
             let record = &benches.fitted.records[index];
-            row >= record.run_in && record.held_out.holds(row)
+            row >= record.run_in && record.holds_out(row)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Lines in residuals: frequencies at which all logs together hold more power than their neighbourhood, drive or no drive.
 
-use super::bench::Bench;
+use super::bench::{Bench, Record};
+use super::search::Remainder;
 use crate::spectra::power_density;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
@@ -20,12 +21,12 @@ const APART: f64 = 0.02;
 /// Frequencies of the common axis.
 const BINS: usize = 1 << 15;
 
-/// Frequencies in Hz, strongest first. `residuals_m` has one residual for each log.
-pub fn lines(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
+/// Frequencies in Hz, strongest first. `remainders` are what a plant leaves, one for each log.
+pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
     let mut total = vec![0.0; BINS];
     let mut planner = RealFftPlanner::<f64>::new();
-    for (record, residual_m) in bench.records.iter().zip(residuals_m) {
+    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
         let n = residual_m.len();
         let size = (PADDING * n).next_power_of_two();
         let mean = residual_m.iter().sum::<f64>() / n.max(1) as f64;
@@ -68,14 +69,14 @@ pub fn lines(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     let width_hz = highest_hz / BINS as f64;
-    peaks.into_iter().take(MOST).map(|(_, hz)| sharpened(bench, residuals_m, hz, width_hz)).collect()
+    peaks.into_iter().take(MOST).map(|(_, hz)| sharpened(bench, remainders, hz, width_hz)).collect()
 }
 
 /// Frequencies in Hz at which the residuals of all logs together have most power, strongest first: where a resonance that nobody
 /// modelled would be, under an excitation that reaches it.
-pub fn resonances(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
+pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let mut found: Vec<(f64, f64)> = Vec::new();
-    for (record, residual_m) in bench.records.iter().zip(residuals_m) {
+    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
         let density = power_density(residual_m, record.log.dt_s, RESONANCE_SEGMENT.min(residual_m.len() / 2));
         let power = &density.density_m2_per_hz;
         for bin in 2..power.len().saturating_sub(2) {
@@ -96,9 +97,9 @@ pub fn resonances(bench: &Bench<'_>, residuals_m: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// The frequency near `hz` at which all logs together have most power: a line of several seconds is much narrower than a bin.
-fn sharpened(bench: &Bench<'_>, residuals_m: &[Vec<f64>], hz: f64, width_hz: f64) -> f64 {
+fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64) -> f64 {
     let power = |hz: f64| -> f64 {
-        let of_log = |(record, residual_m): (&super::bench::Record<'_>, &Vec<f64>)| {
+        let of_log = |(record, Remainder { residual_m, .. }): (&Record<'_>, &Remainder)| {
             let turn = Complex::from_polar(1.0, -std::f64::consts::TAU * hz * record.log.dt_s);
             let mut phase = Complex::new(1.0, 0.0);
             let mut sum = Complex::new(0.0, 0.0);
@@ -108,7 +109,7 @@ fn sharpened(bench: &Bench<'_>, residuals_m: &[Vec<f64>], hz: f64, width_hz: f64
             }
             sum.norm_sqr() / (residual_m.len() as f64 * record.noise_m * record.noise_m)
         };
-        bench.records.iter().zip(residuals_m).map(of_log).sum()
+        bench.records.iter().zip(remainders).map(of_log).sum()
     };
     let mut best = (power(hz), hz);
     let mut reach_hz = width_hz;

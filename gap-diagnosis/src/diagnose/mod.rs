@@ -1,8 +1,8 @@
 //! Diagnosis: where a nominal plant and its bench differ, which effect makes the difference, and how far it shrinks.
 //!
 //! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
-//! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`]), what only
-//! scatter tells ([`spread`]), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
+//! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`], in the order of `fits`), what
+//! only scatter tells ([`spread`]), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
 //! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
@@ -14,6 +14,7 @@ pub mod bench;
 pub mod descend;
 mod error;
 pub mod evidence;
+mod fits;
 mod gap;
 pub mod judge;
 pub mod lines;
@@ -88,7 +89,7 @@ pub fn diagnose(
     let chain = plant.chain();
     let records = |logs| -> Vec<bench::Record<'_>> {
         let logs: &[Log] = logs;
-        logs.iter().map(|log| records::record(log, &chain, options.run_in_s, false)).collect()
+        logs.iter().map(|log| records::record(log, &chain, options.run_in_s)).collect()
     };
     let bench = Bench::new(plant, records(logs));
     error::check_plant(&bench, true)?;

@@ -45,15 +45,78 @@ pub(super) fn reader<'a>(bench: &'a Bench<'_>, hypothesis: &Hypothesis, z: &[f64
     Reader::new(&chain, bench.records[index].log, &start)
 }
 
-/// Residual of one row: what a reading on a lattice leaves open is no residual.
-#[inline]
-pub(super) fn residual_m(record: &Record<'_>, measured_m: f64, predicted_m: f64) -> f64 {
-    let residual = measured_m - predicted_m;
-    if record.lattice_m > 0.0 {
-        (residual.abs() - 0.5 * record.lattice_m).max(0.0).copysign(residual)
-    } else {
-        residual
+/// The chain of a log, and one for each of the log's coordinates a small step away, in lockstep.
+pub(super) struct Lockstep<'a> {
+    record: &'a Record<'a>,
+    base: Reader<'a>,
+    moved: Vec<(Reader<'a>, f64)>,
+}
+
+impl<'a> Lockstep<'a> {
+    /// Log `index` at `z`; without moved chains if not `sensitive`.
+    pub fn new(bench: &'a Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize, sensitive: bool) -> Self {
+        let rules = bench.rules(hypothesis);
+        let coordinates = if sensitive { bench.coordinates_of(hypothesis, index) } else { Vec::new() };
+        let moved = coordinates.into_iter().map(|place| {
+            let step = rules[place].inward_step(z[place]);
+            let mut there = z.to_vec();
+            there[place] += step;
+            (reader(bench, hypothesis, &there, index), step)
+        });
+        let record = &bench.records[index];
+        Self { record, moved: moved.collect(), base: reader(bench, hypothesis, z, index) }
     }
+
+    /// Predictions of the next rows and their derivatives by each coordinate; see [`predict`].
+    pub fn next(&mut self, rows: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let predicted = predict(self.record, &mut self.base, rows);
+        let derivative = |(reader, step): &mut (Reader<'_>, f64)| {
+            let mut moved = predict(self.record, reader, rows);
+            moved.iter_mut().zip(&predicted).for_each(|(moved, p)| *moved = (*moved - p) / *step);
+            moved
+        };
+        let columns = self.moved.par_iter_mut().map(derivative).collect();
+        (predicted, columns)
+    }
+}
+
+/// What is predicted for the next rows: displacement and, where the log has a monitor, the drive behind it, as metres of equal weight.
+pub(super) fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize) -> Vec<f64> {
+    let Some(m_per_v) = record.monitor_m_per_v() else { return (0..rows).map(|_| reader.next_m()).collect() };
+    let mut predicted = vec![0.0; 2 * rows];
+    for k in 0..rows {
+        predicted[k] = reader.next_m();
+        predicted[rows + k] = m_per_v * reader.drive_v;
+    }
+    predicted
+}
+
+/// A fitted or held-out place of `predicted` and its residual.
+pub(super) struct Residual {
+    /// Index into what was predicted.
+    pub at: usize,
+    /// Measured minus predicted.
+    pub residual_m: f64,
+    /// Whether it is kept from the fits.
+    pub is_held_out: bool,
+}
+
+/// Residuals of the rows after `from`, run-ins left out.
+pub(super) fn residuals<'a>(
+    record: &'a Record<'_>,
+    predicted: &'a [f64],
+    from: usize,
+    rows: usize,
+) -> impl Iterator<Item = Residual> + 'a {
+    (0..predicted.len()).filter(move |at| from + at % rows >= record.run_in).map(move |at| {
+        let row = from + at % rows;
+        let monitor = record.log.drive_v.as_ref().zip(record.monitor_m_per_v()).filter(|_| at >= rows);
+        let residual_m = match monitor {
+            Some((drive_v, m_per_v)) => m_per_v * drive_v[row] - predicted[at],
+            None => record.off_lattice_m(record.log.displacement_m[row] - predicted[at]),
+        };
+        Residual { at, residual_m, is_held_out: record.holds_out(row) }
+    })
 }
 
 /// The sums at `z`; with sensitivities if `sensitive`, else squares alone. `simulations` counts simulated logs.
@@ -64,29 +127,11 @@ pub fn evaluate(
     sensitive: bool,
     simulations: &AtomicUsize,
 ) -> Normal {
-    let rules = bench.rules(hypothesis);
-    let (shared, own) = (bench.shared(hypothesis), bench.own(hypothesis));
     let one_log = |index: usize| {
         let record = &bench.records[index];
-        let mut base = reader(bench, hypothesis, z, index);
-        let places: Vec<usize> = if sensitive && record.held_out != super::bench::HeldOut::Everything {
-            (0..shared).chain(bench.own_start(hypothesis, index)..bench.own_start(hypothesis, index) + own).collect()
-        } else {
-            Vec::new()
-        };
-        let mut moved: Vec<(Reader<'_>, f64)> = places
-            .iter()
-            .map(|&place| {
-                let rule = &rules[place];
-                // Towards the inside, so that a bound doesn't swallow the step.
-                let step = if z[place] + rule.step > rule.bounds[1] { -rule.step } else { rule.step };
-                let mut there = z.to_vec();
-                there[place] += step;
-                (reader(bench, hypothesis, &there, index), step)
-            })
-            .collect();
-        simulations.fetch_add(1 + moved.len(), Ordering::Relaxed);
-        let count = moved.len();
+        let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitive);
+        let count = lockstep.moved.len();
+        simulations.fetch_add(1 + count, Ordering::Relaxed);
         let mut sums = Sums {
             products: DMatrix::zeros(count, count),
             gradient: DVector::zeros(count),
@@ -96,41 +141,32 @@ pub fn evaluate(
             held_rows: 0,
         };
         let n = record.log.len();
-        let mut predicted = vec![0.0; CHUNK];
         for from in (0..n).step_by(CHUNK) {
             let rows = CHUNK.min(n - from);
-            predicted[..rows].iter_mut().for_each(|p| *p = base.next_m());
-            let columns: Vec<Vec<f64>> = moved
-                .par_iter_mut()
-                .map(|(reader, step)| predicted[..rows].iter().map(|p| (reader.next_m() - p) / *step).collect())
-                .collect();
+            let (predicted, columns) = lockstep.next(rows);
             let mut fitted = Vec::with_capacity(rows);
-            let mut residuals = Vec::with_capacity(rows);
-            for k in 0..rows {
-                let row = from + k;
-                if row < record.run_in {
-                    continue;
-                }
-                let residual = residual_m(record, record.log.displacement_m[row], predicted[k]);
-                if record.held_out.holds(row) {
-                    sums.held_squares_m2 += residual * residual;
+            let mut residuals_m = Vec::with_capacity(rows);
+            for Residual { at, residual_m, is_held_out } in residuals(record, &predicted, from, rows) {
+                if is_held_out {
+                    sums.held_squares_m2 += residual_m * residual_m;
                     sums.held_rows += 1;
                 } else {
-                    sums.squares_m2 += residual * residual;
+                    sums.squares_m2 += residual_m * residual_m;
                     sums.rows += 1;
-                    fitted.push(k);
-                    residuals.push(residual);
+                    fitted.push(at);
+                    residuals_m.push(residual_m);
                 }
             }
             if count > 0 && !fitted.is_empty() {
                 let matrix = DMatrix::from_fn(fitted.len(), count, |k, j| columns[j][fitted[k]]);
                 sums.products.gemm_tr(1.0, &matrix, &matrix, 1.0);
-                sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(residuals), 1.0);
+                sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(residuals_m), 1.0);
             }
         }
         sums
     };
-    Normal { logs: (0..bench.records.len()).into_par_iter().map(one_log).collect(), shared, own }
+    let logs = (0..bench.records.len()).into_par_iter().map(one_log).collect();
+    Normal { logs, shared: bench.shared(hypothesis), own: bench.own(hypothesis) }
 }
 
 impl Normal {

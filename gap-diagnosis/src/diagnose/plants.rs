@@ -2,7 +2,7 @@
 //!
 //! A log that no fit has seen gives one thing away: its start, from its first tenth, which is then not scored.
 
-use super::bench::{Bench, Hypothesis, Installed, Record};
+use super::bench::{Bench, Hypothesis, Installed, Record, add_priors};
 use super::normal::reader;
 use super::records::record;
 use nalgebra::{DMatrix, DVector};
@@ -47,7 +47,7 @@ impl<'a> Benches<'a> {
             bench.chain.parts.is_coarse = false;
             bench
         };
-        let held = held_out.iter().map(|log| record(log, &chain, run_in_s, false)).collect::<Vec<_>>();
+        let held = held_out.iter().map(|log| record(log, &chain, run_in_s)).collect::<Vec<_>>();
         Self { fitted: fine(records), held: (!held.is_empty()).then(|| fine(held)) }
     }
 
@@ -154,9 +154,7 @@ fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usiz
         let mut reader = reader(bench, hypothesis, z, index);
         record.log.displacement_m[..upto].iter().map(|y| y - reader.next_m()).skip(record.run_in).collect()
     };
-    let prior = |z: &[f64]| -> f64 {
-        rules.iter().zip(&z[at..]).map(|(rule, z)| ((z - rule.centre) / rule.sigma).powi(2)).sum()
-    };
+    let prior = |z: &[f64]| -> f64 { rules.iter().zip(&z[at..]).map(|(rule, &z)| rule.cost(z)).sum() };
     let mut here = residuals(z);
     for _ in 0..STEPS {
         let squares: f64 = here.iter().map(|r| r * r).sum();
@@ -165,7 +163,7 @@ fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usiz
         let columns: Vec<Vec<f64>> = (0..count)
             .map(|i| {
                 let mut there = z.to_vec();
-                let step = if z[at + i] + rules[i].step > rules[i].bounds[1] { -rules[i].step } else { rules[i].step };
+                let step = rules[i].inward_step(z[at + i]);
                 there[at + i] += step;
                 residuals(&there).iter().zip(&here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
             })
@@ -173,10 +171,7 @@ fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usiz
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
         let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], &here));
-        for (i, rule) in rules.iter().enumerate() {
-            information[(i, i)] += rule.sigma.powi(-2);
-            gradient[i] -= (z[at + i] - rule.centre) / rule.sigma.powi(2);
-        }
+        add_priors(rules, &z[at..], &mut information, &mut gradient);
         let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { return };
         let before = weight * squares + prior(z);
         let mut share = 1.0;

@@ -1,13 +1,13 @@
 //! What a log says before anything is fitted: its noise, the lattice of its converter, and the drive before its first row.
 
-use super::bench::{HeldOut, Record, extremes};
+use super::bench::{Record, extremes};
 use crate::residual::noise_rms;
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 
 /// Floor of the noise in metres: a noise-free simulation still has rounding.
 const LEAST_NOISE_M: f64 = 1e-12;
-/// Stretches into which a log is cut where no log is held out.
+/// Stretches into which a log is cut.
 const STRETCHES: usize = 40;
 /// A first displacement this close to what zero volts or the first command would hold says that it was held, in shares of the span.
 const NEAR: f64 = 0.05;
@@ -18,11 +18,13 @@ const UNKNOWN: f64 = 1.0;
 const OFF_LATTICE: f64 = 0.02;
 /// A log's noise over the median of all logs' at the most.
 const ROUGH: f64 = 1.2;
+/// A monitor's own error in shares of its span: no divider is better calibrated than that.
+const MONITOR_ACCURACY: f64 = 2e-3;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
 /// The record of `log`.
-pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>, held_out: bool) -> Record<'a> {
+pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<'a> {
     let run_in_s = run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
     let run_in = ((run_in_s / log.dt_s).round().max(0.0) as usize).min(log.len());
     let lattice_m = lattice(&log.displacement_m[run_in..]).unwrap_or(0.0);
@@ -35,8 +37,11 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>, held_out: 
         noise_m: noise_m.max(LEAST_NOISE_M),
         lattice_m: if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 },
         before_v: before(log, chain),
-        held_out: if held_out { HeldOut::Everything } else { HeldOut::Stretches((log.len() / STRETCHES).max(16)) },
-        monitor_v: log.drive_v.as_ref().map(|drive_v| noise_rms(drive_v).max(1e-9)),
+        stretch: (log.len() / STRETCHES).max(16),
+        monitor_v: log.drive_v.as_ref().map(|drive_v| {
+            let [low, high] = extremes(drive_v);
+            noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
+        }),
     }
 }
 

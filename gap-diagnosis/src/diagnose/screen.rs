@@ -4,9 +4,9 @@
 //! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
 //! costs one simulation for each direction.
 
-use super::bench::{Bench, Hypothesis};
+use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
 use super::descend::{Found, noise_weights};
-use super::normal::{reader, residual_m};
+use super::normal::{Lockstep, predict, reader, residuals};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
 use plant_sim::replay::Reader;
@@ -77,7 +77,6 @@ pub fn screen(
     simulations: &AtomicUsize,
 ) -> Vec<Lead> {
     let blocks = blocks(bench, base, [line_hz, resonance_hz], without);
-    let rules = bench.rules(base);
     let weights = noise_weights(bench);
     let size = found.z.len();
     let offsets: Vec<usize> = blocks
@@ -90,28 +89,14 @@ pub fn screen(
         .collect();
     let total: usize = blocks.iter().map(Block::columns).sum();
 
-    // Nuisance information over all coordinates, and for every log: its cross products with the columns, the columns' own products
-    // (block by block) and their products with the residual.
-    let mut information = DMatrix::<f64>::zeros(size, size);
-    let mut gradient = DVector::<f64>::zeros(size);
+    // For every log: the cross products of its columns with the nuisances' sensitivities, the columns' own products (block by
+    // block) and their products with the residual.
     let mut crosses = Vec::new();
     let mut own = Vec::new();
     let mut with_residual = Vec::new();
     for (index, record) in bench.records.iter().enumerate() {
-        let places: Vec<usize> = (0..bench.shared(base))
-            .chain(bench.own_start(base, index)..bench.own_start(base, index) + bench.own(base))
-            .collect();
-        let mut unmoved = reader(bench, base, &found.z, index);
-        let mut nuisance: Vec<(Reader<'_>, f64)> = places
-            .iter()
-            .map(|&place| {
-                let rule = &rules[place];
-                let step = if found.z[place] + rule.step > rule.bounds[1] { -rule.step } else { rule.step };
-                let mut there = found.z.clone();
-                there[place] += step;
-                (reader(bench, base, &there, index), step)
-            })
-            .collect();
+        let places = bench.coordinates_of(base, index);
+        let mut nuisance = Lockstep::new(bench, base, &found.z, index, true);
         let mut directions: Vec<Reader<'_>> = blocks
             .iter()
             .flat_map(|block| (0..block.columns()).map(move |column| (block, column)))
@@ -121,39 +106,33 @@ pub fn screen(
                 reader(bench, &block.hypothesis, &z, index)
             })
             .collect();
-        simulations.fetch_add(1 + nuisance.len() + directions.len(), Ordering::Relaxed);
+        simulations.fetch_add(1 + places.len() + directions.len(), Ordering::Relaxed);
         let mut cross = DMatrix::<f64>::zeros(places.len(), total);
-        let mut log_information = DMatrix::<f64>::zeros(places.len(), places.len());
-        let mut log_gradient = DVector::<f64>::zeros(places.len());
         let mut products: Vec<DMatrix<f64>> =
             blocks.iter().map(|block| DMatrix::zeros(block.columns(), block.columns())).collect();
         let mut towards = DVector::<f64>::zeros(total);
         let n = record.log.len();
         for from in (0..n).step_by(CHUNK) {
             let rows = CHUNK.min(n - from);
-            let predicted: Vec<f64> = (0..rows).map(|_| unmoved.next_m()).collect();
-            let fitted: Vec<usize> =
-                (0..rows).filter(|k| from + k >= record.run_in && !record.held_out.holds(from + k)).collect();
-            let pick = |column: Vec<f64>| -> Vec<f64> { fitted.iter().map(|&k| column[k]).collect() };
-            let residual = DVector::from_iterator(
-                fitted.len(),
-                fitted.iter().map(|&k| residual_m(record, record.log.displacement_m[from + k], predicted[k])),
-            );
-            let sensitivities: Vec<Vec<f64>> = nuisance
-                .par_iter_mut()
-                .map(|(reader, step)| pick(predicted.iter().map(|p| (reader.next_m() - p) / *step).collect()))
-                .collect();
+            let (predicted, sensitivities) = nuisance.next(rows);
+            let (fitted, residual): (Vec<usize>, Vec<f64>) = residuals(record, &predicted, from, rows)
+                .filter(|residual| !residual.is_held_out)
+                .map(|residual| (residual.at, residual.residual_m))
+                .unzip();
+            let residual = DVector::from_vec(residual);
             let columns: Vec<Vec<f64>> = directions
                 .par_iter_mut()
-                .map(|reader| pick(predicted.iter().map(|p| reader.next_m() - p).collect()))
+                .map(|reader| {
+                    let moved = predict(record, reader, rows);
+                    fitted.iter().map(|&at| moved[at] - predicted[at]).collect()
+                })
                 .collect();
             if fitted.is_empty() {
                 continue;
             }
-            let sensitivities = DMatrix::from_vec(fitted.len(), places.len(), sensitivities.concat());
+            let sensitivities =
+                DMatrix::from_fn(fitted.len(), places.len(), |k, place| sensitivities[place][fitted[k]]);
             let columns = DMatrix::from_vec(fitted.len(), total, columns.concat());
-            log_information.gemm_tr(1.0, &sensitivities, &sensitivities, 1.0);
-            log_gradient.gemv_tr(1.0, &sensitivities, &residual, 1.0);
             cross.gemm_tr(1.0, &sensitivities, &columns, 1.0);
             towards.gemv_tr(1.0, &columns, &residual, 1.0);
             for ((block, &at), products) in blocks.iter().zip(&offsets).zip(&mut products) {
@@ -162,12 +141,6 @@ pub fn screen(
             }
         }
         let weight = weights[index];
-        for (i, &to) in places.iter().enumerate() {
-            gradient[to] += weight * log_gradient[i];
-            for (j, &also) in places.iter().enumerate() {
-                information[(to, also)] += weight * log_information[(i, j)];
-            }
-        }
         let mut placed = DMatrix::zeros(size, total);
         for (i, &to) in places.iter().enumerate() {
             for column in 0..total {
@@ -178,14 +151,9 @@ pub fn screen(
         own.push(products.into_iter().map(|p| p * weight).collect::<Vec<_>>());
         with_residual.push(towards * weight);
     }
-    for (i, rule) in rules.iter().enumerate() {
-        if rule.sigma.is_finite() {
-            information[(i, i)] += rule.sigma.powi(-2);
-            gradient[i] -= (found.z[i] - rule.centre) / rule.sigma.powi(2);
-        } else if information[(i, i)] <= 0.0 {
-            information[(i, i)] = 1.0;
-        }
-    }
+    let (mut information, mut gradient) = found.normal.assemble(&weights);
+    add_priors(&bench.rules(base), &found.z, &mut information, &mut gradient);
+    pin_idle(&mut information);
     let Some(nuisance) = information.cholesky() else { return Vec::new() };
     let settled = nuisance.solve(&gradient);
 

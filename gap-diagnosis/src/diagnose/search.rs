@@ -2,8 +2,11 @@
 
 use super::bench::{Bench, Freedom, Hypothesis};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
+use super::lines::resonances;
 use super::normal::reader;
-use super::screen::{Lead, copy_base};
+use super::screen::{Lead, copy_base, screen};
+use super::symmetry::symmetric;
+use rayon::prelude::*;
 use std::sync::atomic::AtomicUsize;
 
 /// A hypothesis, fitted.
@@ -17,6 +20,26 @@ pub struct Candidate {
     pub chi: f64,
 }
 
+impl Candidate {
+    /// Fraction of the gap of `refit` that this leaves, as amplitude, where `noise` is the mean square of a fit at the noise.
+    pub fn left(&self, refit: &Candidate, noise: f64) -> f64 {
+        ((self.chi - noise).max(0.0) / (refit.chi - noise).max(1e-12)).sqrt()
+    }
+
+    /// Rows that were fitted.
+    pub fn rows(&self) -> usize {
+        self.found.normal.logs.iter().map(|log| log.rows).sum()
+    }
+}
+
+/// What a candidate leaves of one log.
+pub struct Remainder {
+    /// Measured minus predicted, metres.
+    pub residual_m: Vec<f64>,
+    /// Velocity of the plant.
+    pub velocity_m_per_s: Vec<f64>,
+}
+
 /// A search on one bench.
 pub struct Search<'a> {
     /// The bench.
@@ -27,9 +50,9 @@ pub struct Search<'a> {
 
 impl Search<'_> {
     fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
-        let rows: usize = found.normal.logs.iter().map(|log| log.rows).sum();
-        let chi = found.normal.cost(&noise_weights(self.bench)) / rows.max(1) as f64;
-        Candidate { hypothesis, found, chi }
+        let mut candidate = Candidate { hypothesis, found, chi: 0.0 };
+        candidate.chi = candidate.found.normal.cost(&noise_weights(self.bench)) / candidate.rows().max(1) as f64;
+        candidate
     }
 
     fn descend(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64]) -> Candidate {
@@ -67,14 +90,30 @@ impl Search<'_> {
         if total(&again) < total(&candidate) { again } else { candidate }
     }
 
-    /// Measured minus predicted of every row of each log.
-    pub fn residuals_m(&self, candidate: &Candidate) -> Vec<Vec<f64>> {
+    /// What stays of every row of each log, and how fast the plant moved there.
+    pub fn play(&self, candidate: &Candidate) -> Vec<Remainder> {
         let one = |index: usize| {
             let log = self.bench.records[index].log;
             let mut reader = reader(self.bench, &candidate.hypothesis, &candidate.found.z, index);
-            log.displacement_m.iter().map(|y| y - reader.next_m()).collect()
+            let row = |y: &f64| (y - reader.next_m(), reader.motion.1);
+            let (residual_m, velocity_m_per_s) = log.displacement_m.iter().map(row).unzip();
+            Remainder { residual_m, velocity_m_per_s }
         };
-        (0..self.bench.records.len()).map(one).collect()
+        (0..self.bench.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// Screens the registry for what `candidate` leaves; forms whose frequency is free start where the remainder has lines and peaks.
+    pub fn screen(
+        &self,
+        candidate: &Candidate,
+        remainders: &[Remainder],
+        line_hz: &[f64],
+        without: &[&str],
+    ) -> Vec<Lead> {
+        let resonance_hz = resonances(self.bench, remainders);
+        let skipped: Vec<&str> = symmetric(self.bench).iter().chain(without).copied().collect();
+        let starts = [line_hz, &resonance_hz];
+        screen(self.bench, &candidate.hypothesis, &candidate.found, starts, &skipped, self.simulations)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Effects that no simulation predicts, read from how the residual scatters: jitter, noise, repeated readings, a converter's lattice.
 
-use super::bench::Record;
+use super::bench::Bench;
+use super::search::Remainder;
 
 /// Bins of equal population over the squared velocity, and over the squared displacement.
 const BINS: usize = 24;
@@ -8,16 +9,6 @@ const BINS: usize = 24;
 const LEAST_REPEATS: usize = 3;
 /// Stretches of a log whose power is compared.
 const STRETCHES: usize = 10;
-
-/// One log's residual with what it may scatter with.
-pub struct Scatter<'a> {
-    /// The log.
-    pub record: &'a Record<'a>,
-    /// Measured minus predicted, metres.
-    pub residual_m: &'a [f64],
-    /// Velocity of the structure, m/s.
-    pub velocity_m_per_s: &'a [f64],
-}
 
 /// How much of the excess power each kind of scatter accounts for.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,7 +34,7 @@ pub struct Scattered {
 }
 
 /// Reads the scatter of all logs together.
-pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
+pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
     let mut rows = 0usize;
     let mut excess = 0.0;
     let mut squares = 0.0;
@@ -51,8 +42,7 @@ pub fn scattered(logs: &[Scatter<'_>]) -> Scattered {
     let mut stretches = Vec::new();
     let mut by_velocity = Vec::new();
     let mut by_displacement = Vec::new();
-    for log in logs {
-        let record = log.record;
+    for (record, log) in bench.records.iter().zip(remainders) {
         let y = &record.log.displacement_m;
         let noise2 = record.noise_m * record.noise_m;
         let fitted = record.run_in.max(1)..y.len();

@@ -4,7 +4,7 @@
 //! them apart (the exact symmetries of the input-output map, `thesis.md` section 1). That is decided here in parameter space, at the
 //! weight of the noise, without a simulation: how much cheaper do the shifts become if one direction is free?
 
-use super::bench::{Bench, Hypothesis};
+use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
 use super::descend::{Found, noise_weights};
 use crate::identify::parameters::Quantity;
 use nalgebra::{DMatrix, DVector};
@@ -16,10 +16,13 @@ pub struct Freed {
     pub effect: &'static str,
     /// Which nominal number, for `parameter_error`.
     pub quantity: Option<Quantity>,
-    /// Logarithm of the factor: 1 + payload, the gain, or the number over its nominal value.
-    pub log_factor: f64,
+    /// How far along the direction: a logarithm of 1 + payload, of the gain, or of the number over its nominal value; of an offset
+    /// the multiple of its stated sigma.
+    pub along: f64,
     /// Its standard deviation.
     pub sigma: f64,
+    /// What that is in the entry's own parameter: a ratio less one, or metres.
+    pub value: f64,
     /// What the shifts cost once it is free, chi-square.
     pub cost: f64,
     /// What they cost without it.
@@ -33,8 +36,14 @@ impl Freed {
     }
 }
 
-/// The identifiers decided here rather than by simulation.
-pub const SYMMETRIC: [&str; 3] = ["payload_mass", "amplifier_gain", "sensor_gain"];
+/// The identifiers decided here rather than by simulation: a drive monitor shows the amplifier's gain, and an offset is imitated where
+/// the plant's file leaves the sensor's zero open.
+pub fn symmetric(bench: &Bench<'_>) -> Vec<&'static str> {
+    let mut all: Vec<&str> =
+        directions(bench).iter().map(|(id, ..)| *id).filter(|id| *id != "parameter_error").collect();
+    all.dedup();
+    all
+}
 
 /// All directions, cheapest first.
 pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<Freed> {
@@ -45,8 +54,12 @@ pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<F
     let mut all: Vec<Freed> = directions(bench)
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
-            free_one(&information, &gradient, &z, &prior, &direction).map(|(log_factor, sigma, cost, cost_without)| {
-                Freed { effect, quantity, log_factor, sigma, cost, cost_without }
+            free_one(&information, &gradient, &z, &prior, &direction).map(|(along, sigma, cost, cost_without)| {
+                let value = match bench.free.iter().find(|free| free.quantity == Quantity::Offset) {
+                    Some(free) if effect == "sensor_offset" => free.at(along) - free.prior,
+                    _ => along.exp_m1(),
+                };
+                Freed { effect, quantity, along, sigma, value, cost, cost_without }
             })
         })
         .collect();
@@ -63,14 +76,15 @@ fn reduced(
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let (mut information, mut gradient) = found.normal.assemble(&noise_weights(bench));
     let size = information.nrows();
-    for (i, rule) in bench.rules(hypothesis).iter().enumerate().skip(nominal) {
-        if rule.sigma.is_finite() {
-            information[(i, i)] += rule.sigma.powi(-2);
-            gradient[i] -= (found.z[i] - rule.centre) / rule.sigma.powi(2);
-        } else if information[(i, i)] <= 0.0 {
-            information[(i, i)] = 1.0;
-        }
-    }
+    // The nominal numbers' own priors are what the directions are judged by.
+    let rules: Vec<Rule> = bench
+        .rules(hypothesis)
+        .into_iter()
+        .enumerate()
+        .map(|(i, rule)| if i < nominal { Rule { sigma: f64::INFINITY, ..rule } } else { rule })
+        .collect();
+    add_priors(&rules, &found.z, &mut information, &mut gradient);
+    pin_idle(&mut information);
     let rest = size - nominal;
     if rest == 0 {
         return Some((information, gradient));
@@ -88,7 +102,7 @@ pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantit
         DVector::from_iterator(bench.free.len(), bench.free.iter().map(|f| of(f.quantity)))
     };
     let payload = along(&|q| match q {
-        Quantity::DeadZone(_) | Quantity::Delay => 0.0,
+        Quantity::DeadZone(_) | Quantity::Delay | Quantity::Offset => 0.0,
         _ => -1.0,
     });
     let gain = |dead_zone: f64| {
@@ -99,10 +113,16 @@ pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantit
             _ => 0.0,
         })
     };
-    let mut all =
-        vec![("payload_mass", None, payload), ("amplifier_gain", None, gain(-1.0)), ("sensor_gain", None, gain(0.0))];
+    let mut all = vec![("payload_mass", None, payload), ("sensor_gain", None, gain(0.0))];
+    if !bench.is_monitored() {
+        all.push(("amplifier_gain", None, gain(-1.0)));
+    }
     for free in &bench.free {
-        all.push(("parameter_error", Some(free.quantity), along(&|q| f64::from(u8::from(q == free.quantity)))));
+        let alone = along(&|q| f64::from(u8::from(q == free.quantity)));
+        all.push(match free.quantity {
+            Quantity::Offset => ("sensor_offset", None, alone),
+            wrong => ("parameter_error", Some(wrong), alone),
+        });
     }
     all
 }

@@ -16,6 +16,11 @@ pub enum Scale {
         /// B, natural logarithm of the largest factor.
         bound: f64,
     },
+    /// prior + unit * z.
+    Shift {
+        /// What one coordinate unit is worth, in the number's SI unit.
+        unit: f64,
+    },
     /// prior + unit * z, never below zero.
     NotNegative {
         /// What one coordinate unit is worth, in the number's SI unit.
@@ -40,6 +45,8 @@ pub enum Quantity {
     DeadZone(usize),
     /// The drive's delay.
     Delay,
+    /// The sensor's reading at zero displacement.
+    Offset,
 }
 
 impl Quantity {
@@ -62,6 +69,7 @@ impl Quantity {
             Quantity::Slope(i) => format!("slope{}_S", i + 1),
             Quantity::DeadZone(i) => format!("dead_zone{}_V", i + 1),
             Quantity::Delay => "delay_us".into(),
+            Quantity::Offset => "offset_um".into(),
         }
     }
 
@@ -75,12 +83,13 @@ impl Quantity {
             Quantity::Slope(i) => (format!("slope, hysteron {}", i + 1), "S"),
             Quantity::DeadZone(i) => (format!("dead zone, hysteron {}", i + 1), "V"),
             Quantity::Delay => ("delay".into(), "us"),
+            Quantity::Offset => ("sensor offset".into(), "um"),
         }
     }
 
     /// Factor from SI to the unit of the model file.
     pub fn per_si(self) -> f64 {
-        if self == Quantity::Delay { 1e6 } else { 1.0 }
+        if matches!(self, Quantity::Delay | Quantity::Offset) { 1e6 } else { 1.0 }
     }
 
     /// The number in a chain, SI.
@@ -94,6 +103,7 @@ impl Quantity {
             Quantity::Slope(i) => &mut plant.hysterons[i].slope_s,
             Quantity::DeadZone(i) => &mut plant.hysterons[i].dead_zone_v,
             Quantity::Delay => &mut chain.drive.delay_s,
+            Quantity::Offset => &mut chain.sensor.offset_m,
         }
     }
 
@@ -107,6 +117,7 @@ impl Quantity {
             Quantity::Slope(i) => &mut model.actuator.hysterons[i].slope_s,
             Quantity::DeadZone(i) => &mut model.actuator.hysterons[i].dead_zone_v,
             Quantity::Delay => model.drive.delay_us.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
+            Quantity::Offset => model.sensor.offset_um.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
         }
     }
 }
@@ -129,6 +140,7 @@ impl Free {
     pub fn at(&self, z: f64) -> f64 {
         match self.scale {
             Scale::Log { bound } => self.prior * (bound * (z / bound).tanh()).exp(),
+            Scale::Shift { unit } => self.prior + unit * z,
             Scale::NotNegative { unit } => (self.prior + unit * z).max(0.0),
         }
     }
@@ -137,7 +149,25 @@ impl Free {
     pub fn number_sigma(&self, z: f64, coordinate_sigma: f64) -> f64 {
         match self.scale {
             Scale::Log { bound } => coordinate_sigma / (z / bound).cosh().powi(2),
-            Scale::NotNegative { unit } => coordinate_sigma * unit,
+            Scale::Shift { unit } | Scale::NotNegative { unit } => coordinate_sigma * unit,
+        }
+    }
+
+    /// Standard deviation of the number under the prior, SI.
+    pub fn prior_sigma_si(&self) -> f64 {
+        match self.scale {
+            Scale::Log { .. } => self.prior * self.prior_sigma,
+            Scale::Shift { unit } | Scale::NotNegative { unit } => self.prior_sigma * unit,
+        }
+    }
+
+    /// The record of the number at coordinate `z`; the prior's sigma where the coordinate's is unknown.
+    pub fn param(&self, z: f64, coordinate_sigma: f64, source: &str) -> Param {
+        let known = if coordinate_sigma.is_finite() { coordinate_sigma } else { self.prior_sigma };
+        let (unit, sigma) = (self.quantity.per_si(), self.number_sigma(z, known));
+        match self.scale {
+            Scale::Log { .. } => Param::new(self.at(z) * unit, sigma, source),
+            Scale::Shift { .. } | Scale::NotNegative { .. } => Param::absolute(self.at(z) * unit, sigma * unit, source),
         }
     }
 
@@ -145,7 +175,7 @@ impl Free {
     pub fn at_bound(&self, z: f64) -> bool {
         match self.scale {
             Scale::Log { bound } => (z / bound).tanh().abs() > 0.99,
-            Scale::NotNegative { .. } => false,
+            Scale::Shift { .. } | Scale::NotNegative { .. } => false,
         }
     }
 }

@@ -34,16 +34,10 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
         let coordinate_sigma = covariance.as_ref().map_or(f64::NAN, |c| c[(i, i)].sqrt());
         let (value, per_si) = (free.at(z[i]), free.quantity.per_si());
         let number_sigma = free.number_sigma(z[i], coordinate_sigma);
-        let record = free.quantity.record(&mut model);
+        *free.quantity.record(&mut model) = free.param(z[i], coordinate_sigma, &source);
         let sigma = match free.scale {
-            Scale::Log { .. } => {
-                *record = Param::new(value * per_si, number_sigma, &source);
-                number_sigma * value * per_si
-            }
-            Scale::NotNegative { .. } => {
-                *record = Param::absolute(value * per_si, number_sigma * per_si, &source);
-                number_sigma * per_si
-            }
+            Scale::Log { .. } => number_sigma * value * per_si,
+            Scale::Shift { .. } | Scale::NotNegative { .. } => number_sigma * per_si,
         };
         let at_bound = free.at_bound(z[i]);
         let dim = coordinate_sigma > UNSEEN * free.prior_sigma;
@@ -67,10 +61,7 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
             name: free.quantity.name(),
             words: free.quantity.words(),
             value: free.prior * per_si,
-            sigma: match free.scale {
-                Scale::Log { .. } => free.prior * per_si * free.prior_sigma,
-                Scale::NotNegative { unit } => free.prior_sigma * unit * per_si,
-            },
+            sigma: free.prior_sigma_si() * per_si,
             prior: free.prior * per_si,
             verdict: Verdict::Unseen,
             note: why_unseen(free.quantity, &fitted_chain, &reach_v),

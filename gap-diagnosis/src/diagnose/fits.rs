@@ -1,0 +1,164 @@
+//! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
+
+use super::bench::Bench;
+use super::judge::Say;
+use super::lines::lines;
+use super::screen::Lead;
+use super::search::{Candidate, Remainder, Search};
+use plant_sim::effects::{Kind, find};
+
+/// A lead is followed if it explains this share of what the best one does, or is among the first few.
+const LEAST_SHARE: f64 = 0.25;
+const FIRST: usize = 3;
+/// Share below which not even the best lead says anything.
+pub(super) const HOPELESS: f64 = 0.1;
+/// Once a fit leaves less than this, only leads are followed that explain as much as its own.
+pub(super) const FOUND: f64 = 0.03;
+const AS_MUCH: f64 = 0.85;
+const MOST_FITS: usize = 8;
+/// Lags look alike to a score test: if one scores, all are fitted.
+const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
+/// An entry whose fit leaves more than this is tried in its other forms as well.
+const WELL: f64 = 0.01;
+/// A single explanation that leaves more than this invites a second effect.
+const PAIR_BEYOND: f64 = 0.06;
+/// .. which must take at least this much of what was left.
+const PAIR_TAKES: f64 = 0.5;
+/// Share of the residual's power in the first tenth of the logs that suggests their start.
+const START_SHARE: f64 = 0.4;
+
+/// Full fits on top of a refit.
+pub(super) struct Fits<'a> {
+    /// The search.
+    pub search: &'a Search<'a>,
+    /// The refitted nominal plant.
+    pub refit: &'a Candidate,
+    /// Entries that are struck out.
+    pub without: &'a [&'a str],
+    /// Where progress goes.
+    pub say: Say<'a>,
+}
+
+impl Fits<'_> {
+    /// Fits of what the screening left, alone and in pairs; best first, pairs last.
+    pub fn all(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
+        let mut fits = self.singles(leads, remainders);
+        // What no direction of the registry imitates at all is not the sum of two of them either.
+        if leads.first().is_none_or(|lead| lead.share < HOPELESS) {
+            return fits;
+        }
+        if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi - 1.0 > 0.02) {
+            fits.extend(self.pairs(&fits));
+        }
+        fits
+    }
+
+    fn left(&self, candidate: &Candidate) -> f64 {
+        candidate.left(self.refit, 1.0)
+    }
+
+    /// A second effect beside each of the two best.
+    fn pairs(&self, singles: &[Candidate]) -> Vec<Candidate> {
+        let mut pairs = Vec::new();
+        for (number, first) in singles.iter().take(2).enumerate() {
+            (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
+            let remainders = self.search.play(first);
+            let seconds = self.search.screen(first, &remainders, &lines(self.search.bench, &remainders), self.without);
+            for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
+                let pair = self.search.extend(first, lead, false);
+                if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
+                    pairs.push(pair);
+                }
+            }
+        }
+        pairs
+    }
+
+    fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
+        let chosen = chosen(leads);
+        let best = chosen.first().map_or(0.0, |lead| lead.gain);
+        let mut fits: Vec<Candidate> = Vec::new();
+        for (number, lead) in chosen.iter().enumerate() {
+            let found = fits.iter().any(|fit| self.left(fit) < FOUND);
+            if found && lead.gain < AS_MUCH * best {
+                continue;
+            }
+            (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / chosen.len() as f64);
+            fits.push(self.best_form(lead, leads));
+        }
+        if !self.without.contains(&"initial_state") && early_share(self.search.bench, remainders) > START_SHARE {
+            (self.say)("fitting the state at the start", 0.6);
+            if let Some(effect) = find("initial_state")
+                && let Some(form) = effect.forms().iter().find(|form| form.kind == Kind::Start)
+            {
+                let lead = Lead { effect, form, values: Vec::new(), gain: 0.0, share: 0.0 };
+                fits.push(self.search.extend(self.refit, &lead, true));
+            }
+        }
+        // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum.
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
+        for fit in fits.iter_mut().take(finalists) {
+            if (WELL..0.5).contains(&self.left(fit)) {
+                (self.say)("polishing", 0.6);
+                *fit = self.search.polish(fit.clone());
+            }
+        }
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        fits
+    }
+
+    /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
+    fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
+        let mut fit = self.search.extend(self.refit, lead, true);
+        let is_other = |l: &&Lead| l.effect.id() == lead.effect.id() && l.form.name != lead.form.name;
+        for other in leads.iter().filter(is_other).filter(|other| other.gain > 0.6 * lead.gain).take(3) {
+            if self.left(&fit) < WELL {
+                break;
+            }
+            let next = self.search.extend(self.refit, other, true);
+            if next.chi < fit.chi {
+                fit = next;
+            }
+        }
+        fit
+    }
+}
+
+/// The leads that are worth a fit, one for each effect.
+fn chosen(leads: &[Lead]) -> Vec<&Lead> {
+    let entries = distinct(leads);
+    let best = entries.first().map_or(0.0, |lead| lead.gain);
+    let is_hopeless = entries.first().is_none_or(|lead| lead.share < HOPELESS);
+    let lag = entries.iter().take(3).any(|lead| LAGS.contains(&lead.effect.id()));
+    let is_chosen = |(rank, lead): &(usize, &Lead)| {
+        *rank < FIRST || lead.gain > LEAST_SHARE * best || lag && LAGS.contains(&lead.effect.id())
+    };
+    let most = if is_hopeless { 1 } else { MOST_FITS };
+    entries.into_iter().enumerate().filter(is_chosen).map(|(_, lead)| lead).take(most).collect()
+}
+
+/// The best lead of each effect, in order.
+fn distinct(leads: &[Lead]) -> Vec<&Lead> {
+    let mut seen: Vec<&str> = Vec::new();
+    leads
+        .iter()
+        .filter(|lead| {
+            let new = !seen.contains(&lead.effect.id());
+            seen.push(lead.effect.id());
+            new
+        })
+        .collect()
+}
+
+/// Share of the excess power in the first tenth of the logs.
+fn early_share(bench: &Bench<'_>, remainders: &[Remainder]) -> f64 {
+    let (mut early, mut all) = (0.0, 0.0);
+    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
+        let noise2 = record.noise_m * record.noise_m;
+        let tenth = residual_m.len() / 10;
+        early += residual_m[..tenth].iter().map(|r| r * r - noise2).sum::<f64>() / noise2;
+        all += residual_m.iter().map(|r| r * r - noise2).sum::<f64>() / noise2;
+    }
+    if all > 0.0 { early / all } else { 0.0 }
+}
