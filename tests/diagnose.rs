@@ -148,6 +148,29 @@ fn a_slow_amplifier_is_named() {
     is_named(EffectId::AmplifierBandwidth, &["steps", "multisine"]);
 }
 
+/// Without the amplifier's monitor a gain may be the amplifier's, the sensor's or a payload's; with it there is nothing left to ask.
+#[test]
+fn a_drive_monitor_tells_the_amplifier_from_what_follows() {
+    let folder = Folder::new("diagnose-monitor");
+    let case = of(EffectId::AmplifierGain);
+    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
+    let without = diagnosis(&folder);
+    assert!(without["classes"].as_array().is_some_and(|classes| !classes.is_empty()), "{}", without["ranking"]);
+    for log in case.logs.iter().chain(&case.held_out).filter(|log| log.reference_um.is_none()) {
+        let record = blind_truth::run_monitored(&case.bench, &log.command_v, log.rate_hz, 1);
+        folder.write(&format!("{}.csv", log.name), &record.to_csv());
+    }
+    let line = "diagnose --plant @/nominal.toml @/log1-steps.csv @/log2-sines.csv --held-out @/held-out-1-mixed.csv --out @/out";
+    succeeded(&run(&folder, line));
+    let found = diagnosis(&folder);
+    check_contract(&found);
+    assert_eq!(list(&found["effects"]), ["amplifier_gain"]);
+    assert_eq!(found["classes"].as_array().map(Vec::len), Some(0), "{}", found["classes"]);
+    let truth = case.truth.parameters.iter().find(|(name, _)| name.starts_with("amplifier_gain.gain")).expect("the truth");
+    let value = found["parameters"][0]["value"].as_f64().expect("a value");
+    assert!((value - truth.1).abs() < 2e-3, "{value} against {truth:?}");
+}
+
 #[test]
 fn a_bench_as_nominal_has_no_gap() {
     let folder = Folder::new("diagnose-null");

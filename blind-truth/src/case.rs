@@ -66,8 +66,9 @@ pub struct Case {
 /// Step of the runs that look for the amplitude. Coarse: they decide sizes, never a record.
 const SEARCH_STEP_S: f64 = 4e-6;
 
-/// Offset that any bench of `Calibrate` and `Report` may have.
+/// Offset that any bench of `Calibrate` and `Report` may have at the most, and what its plant file says of it: the standard deviation.
 const NUISANCE_OFFSET_M: f64 = 1e-6;
+const ZEROED_UM: f64 = 0.6;
 
 /// Makes the case of a request. The same request makes the same case, bit for bit.
 pub fn make(request: &Request) -> Case {
@@ -129,7 +130,7 @@ pub fn make(request: &Request) -> Case {
         id: format!("{}-{:016x}", request.split.id(), mix(request).wrapping_mul(0x2545_F491_4F6C_DD1D)),
         seed: request.seed,
         truth,
-        plant_toml: nominal::plant_toml(noise_m * 1e6),
+        plant_toml: nominal::plant_toml(noise_m * 1e6, (request.split != Split::Develop).then_some(ZEROED_UM)),
         logs,
         held_out: play(&held_out, 1000),
         bench,

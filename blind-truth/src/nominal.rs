@@ -90,8 +90,8 @@ pub(crate) fn bench(numbers: &Numbers, noise: Noise) -> Bench {
     }
 }
 
-/// The plant file that a diagnosis is given.
-pub(crate) fn plant_toml(noise_um: f64) -> String {
+/// The plant file that a diagnosis is given; `zeroed_um` is how well the sensor's zero is known, where it is not exact.
+pub(crate) fn plant_toml(noise_um: f64, zeroed_um: Option<f64>) -> String {
     let source = "thesis, Table 2.1; sigma stated by the case";
     let record = |key: &str, value: f64, sigma: f64| {
         format!("{key} = {{ value = {value:?}, sigma = {sigma:?}, source = \"{source}\" }}\n")
@@ -107,10 +107,13 @@ pub(crate) fn plant_toml(noise_um: f64) -> String {
     let mut structure = record("mass_kg", TABLE.mass_kg, SIGMA_MASS);
     structure += &record("damping_N_s_per_m", TABLE.damping_n_s_per_m, SIGMA);
     structure += &record("stiffness_N_per_m", TABLE.stiffness_n_per_m, SIGMA);
+    let zero = zeroed_um.map_or_else(String::new, |sigma_um| {
+        format!("offset_um = {{ value = 0.0, sigma_abs = {sigma_um:?}, source = \"zeroed by hand\" }}\n")
+    });
     format!(
         "# Nominal plant of a made case: thesis Table 2.1.\nschema = \"hysteron-model-1\"\nname = \"nominal plant\"\n\
          kind = \"phs\"\n\n[actuator]\n{actuator}{hysterons}\n[structure]\n{structure}\n[sensor]\n\
-         noise_um = {{ value = {noise_um:.6}, sigma = 0.1, source = \"data sheet\" }}\n\n[rig]\n\
+         noise_um = {{ value = {noise_um:.6}, sigma = 0.1, source = \"data sheet\" }}\n{zero}\n[rig]\n\
          drive_min_V = {{ value = -90.0, source = \"assumed\" }}\n\
          drive_max_V = {{ value = 90.0, source = \"assumed\" }}\n\
          displacement_max_um = {{ value = 120.0, source = \"thesis, section 3\" }}\n"
