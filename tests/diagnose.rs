@@ -166,7 +166,8 @@ fn a_drive_monitor_tells_the_amplifier_from_what_follows() {
     check_contract(&found);
     assert_eq!(list(&found["effects"]), ["amplifier_gain"]);
     assert_eq!(found["classes"].as_array().map(Vec::len), Some(0), "{}", found["classes"]);
-    let truth = case.truth.parameters.iter().find(|(name, _)| name.starts_with("amplifier_gain.gain")).expect("the truth");
+    let truth =
+        case.truth.parameters.iter().find(|(name, _)| name.starts_with("amplifier_gain.gain")).expect("the truth");
     let value = found["parameters"][0]["value"].as_f64().expect("a value");
     assert!((value - truth.1).abs() < 2e-3, "{value} against {truth:?}");
 }

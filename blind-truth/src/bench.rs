@@ -211,7 +211,8 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     let mut y_before = 0.0;
     while n_sampled < n_before + n_rows {
         let t = step as f64 * h;
-        if !started && t >= t_zero - 0.5 * h {
+        let starts = !started && t >= t_zero - 0.5 * h;
+        if starts {
             motion.disturb(bench, signs);
             started = true;
         }
@@ -235,6 +236,10 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
             mean_v + motion.drive(bench, held_v, end - from) * (end - from) / h
         };
         let y = motion.step(bench, mean_v, t - t_zero, h);
+        if starts {
+            // Row 0 shows the state that the log starts from, not the one before.
+            y_before = y;
+        }
         step += 1;
         let t_after = step as f64 * h;
         while next_sample_s <= t_after && n_sampled < n_before + n_rows {

@@ -97,13 +97,7 @@ pub(super) fn augment(
                 *z -= freed.along * along;
             }
         }
-        let axis = &hypothesis.installed[hypothesis.installed.len() - 1].axes[0];
-        let value = axis.coordinate(freed.value);
-        for index in 0..bench.records.len() {
-            if let Some(&place) = bench.places(&hypothesis, index).last().and_then(|places| places.first()) {
-                z[place] = value;
-            }
-        }
+        bench.set_last(&hypothesis, &mut z, &[freed.value]);
         return again(bench, hypothesis, z);
     }
     // A wrong number: what the file claims for it doesn't hold it any more.

@@ -423,19 +423,21 @@ impl<'a> Bench<'a> {
         rules
     }
 
-    /// Coordinates with the nominal plant, rest before each log, and the given values of the forms' parameters.
-    pub fn origin(&self, hypothesis: &Hypothesis, values: &[Vec<f64>]) -> Vec<f64> {
-        let mut z: Vec<f64> = self.rules(hypothesis).iter().map(|rule| rule.centre).collect();
+    /// Coordinates with the nominal plant, rest before each log, and every form at nothing.
+    pub fn origin(&self, hypothesis: &Hypothesis) -> Vec<f64> {
+        self.rules(hypothesis).iter().map(|rule| rule.centre).collect()
+    }
+
+    /// Sets the parameters of the form that was installed last, in all logs.
+    pub fn set_last(&self, hypothesis: &Hypothesis, z: &mut [f64], values: &[f64]) {
+        let Some(installed) = hypothesis.installed.last() else { return };
         for index in 0..self.records.len() {
-            for ((installed, places), values) in
-                hypothesis.installed.iter().zip(self.places(hypothesis, index)).zip(values)
+            for ((axis, place), value) in
+                installed.axes.iter().zip(self.places(hypothesis, index).pop().unwrap_or_default()).zip(values)
             {
-                for ((axis, place), value) in installed.axes.iter().zip(places).zip(values) {
-                    z[place] = axis.coordinate(*value);
-                }
+                z[place] = axis.coordinate(*value);
             }
         }
-        z
     }
 
     /// Values of the forms' parameters for log `index`.

@@ -4,7 +4,7 @@
 //! are almost flat (a capacitance against a dead zone, the slope of a fast hysteron). Counted in a unit much larger than the noise,
 //! the priors hold the nominal numbers together until the fit is near.
 
-use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
+use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, pin_idle};
 use super::normal::{Normal, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
@@ -16,6 +16,9 @@ pub const LAST_STAGES: [f64; 2] = [10.0, 0.0];
 /// Relative change of the cost at which a stage is over: all but the last, and the last.
 const COARSE: f64 = 0.02;
 const FINE: f64 = 2e-5;
+/// The same of a last stage that stays above this mean square, in units of the noise: it is not what it looks for.
+const ROUGH: f64 = 1e-3;
+const FAR: f64 = 2.0;
 /// Share of its prior's width that a start has before the last stage.
 const HELD: f64 = 0.02;
 /// Steps at most in a stage and in the last.
@@ -69,7 +72,9 @@ pub fn descend(
     for (index, &softness) in stages.iter().enumerate() {
         let last = index + 1 == stages.len();
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
-        let rules = if last { rules.clone() } else { held(bench, hypothesis, &rules) };
+        // Where the start is what is to be found, nothing holds it.
+        let is_free = last || hypothesis.freedom == Freedom::Any;
+        let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules) };
         for _ in 0..steps {
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
@@ -77,7 +82,8 @@ pub fn descend(
             let gained = before - next.1;
             z = next.0;
             normal = evaluate(bench, hypothesis, &z, true, simulations);
-            if gained <= tolerance * before.min(1e300) {
+            let is_far = last && before > FAR * normal.logs.iter().map(|log| log.rows as f64).sum::<f64>();
+            if gained <= before * if is_far { ROUGH } else { tolerance } {
                 break;
             }
         }

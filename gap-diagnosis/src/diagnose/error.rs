@@ -184,7 +184,7 @@ pub(super) fn check_plant(bench: &Bench<'_>, needs_excitation: bool) -> Result<(
 fn respond(bench: &Bench<'_>, index: usize) -> Result<Response, DiagnoseError> {
     let record = &bench.records[index];
     let hypothesis = Hypothesis::nominal(Freedom::Relaxed);
-    let z = bench.origin(&hypothesis, &[]);
+    let z = bench.origin(&hypothesis);
     let mut reader = reader(bench, &hypothesis, &z, index);
     let rows = record.log.len().min(record.run_in + LOOKED_AT);
     let (mut n, mut y, mut p, mut yy, mut pp, mut yp) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);

@@ -75,25 +75,19 @@ impl Fits<'_> {
     }
 
     fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
+        let start = self.start(remainders);
         let chosen = chosen(leads);
-        let best = chosen.first().map_or(0.0, |lead| lead.gain);
+        let best = chosen.iter().copied().chain(&start).map(|lead| lead.gain).fold(0.0, f64::max);
+        let mut all: Vec<&Lead> = start.iter().chain(chosen).collect();
+        all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
-        for (number, lead) in chosen.iter().enumerate() {
+        for (number, lead) in all.iter().enumerate() {
             let found = fits.iter().any(|fit| self.left(fit) < FOUND);
             if found && lead.gain < AS_MUCH * best {
                 continue;
             }
-            (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / chosen.len() as f64);
+            (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
             fits.push(self.best_form(lead, leads));
-        }
-        if !self.without.contains(&"initial_state") && early_share(self.search.bench, remainders) > START_SHARE {
-            (self.say)("fitting the state at the start", 0.6);
-            if let Some(effect) = find("initial_state")
-                && let Some(form) = effect.forms().iter().find(|form| form.kind == Kind::Start)
-            {
-                let lead = Lead { effect, form, values: Vec::new(), gain: 0.0, share: 0.0 };
-                fits.push(self.search.extend(self.refit, &lead, true));
-            }
         }
         // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
@@ -106,6 +100,16 @@ impl Fits<'_> {
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         fits
+    }
+
+    /// The state at the start as a lead, if much of what is left lies there: no direction shows how much of it a start explains.
+    fn start(&self, remainders: &[Remainder]) -> Option<Lead> {
+        let share = early_share(self.search.bench, remainders);
+        let effect =
+            find("initial_state").filter(|effect| !self.without.contains(&effect.id()) && share > START_SHARE)?;
+        let form = effect.forms().iter().find(|form| form.kind == Kind::Start)?;
+        let excess = (self.refit.chi - 1.0) * self.refit.rows() as f64;
+        Some(Lead { effect, form, values: Vec::new(), gain: share * excess, share })
     }
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much.

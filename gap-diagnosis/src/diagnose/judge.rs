@@ -14,6 +14,11 @@ use plant_sim::effects::{Effect, Form, find};
 const LEAST_GAP: f64 = 0.35;
 /// Chi-square that a comparison of two fits resolves.
 const RESOLVED: f64 = 20.0;
+/// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
+const RESTARTS: u64 = 4;
+const LOCAL_MINIMUM: f64 = 10.0;
+/// A fit that leaves less than this may show the refit a better minimum, and one that leaves less than this is a better one.
+const MUCH_BETTER: f64 = 0.7;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost: three sigma and the look-elsewhere of a dozen directions.
 const FREED_LEAST: f64 = 12.0;
 /// The same beside an effect that was fitted.
@@ -90,16 +95,41 @@ pub type Say<'a> = &'a (dyn Fn(&str, f64) + Sync);
 
 /// Runs the course.
 pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<'_>) -> Course {
-    let bench = search.bench;
     say("refitting the nominal plant", 0.02);
-    let refit = search.refit(freedom);
+    let mut refit = search.refit(freedom);
+    // A first refit ends in a local minimum now and then, most often a little above the noise: hysterons forget nothing, so that dead
+    // zones and capacitances lock one another.
+    for attempt in 0..RESTARTS {
+        if !has_gap(&refit) || refit.chi > LOCAL_MINIMUM {
+            break;
+        }
+        refit = search.refit_elsewhere(refit, attempt);
+    }
+    let course = explain(search, refit, without, say);
+    let best = course.explanations.iter().map(|e| &e.candidate).min_by(|a, b| a.chi.total_cmp(&b.chi));
+    let shows_better = |fit: &&Candidate| {
+        fit.left(&course.refit, 1.0) < MUCH_BETTER && !fit.hypothesis.installed.is_empty() && has_gap(&course.refit)
+    };
+    let again = best.filter(shows_better).map(|fit| search.refit_again(&course.refit, fit));
+    match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {
+        Some(refit) => explain(search, refit, without, say),
+        None => course,
+    }
+}
+
+fn has_gap(refit: &Candidate) -> bool {
+    refit.chi - 1.0 > LEAST_GAP * LEAST_GAP
+}
+
+/// Explains what `refit` leaves.
+fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>) -> Course {
+    let bench = search.bench;
     let remainders = search.play(&refit);
     let scattered = scattered(bench, &remainders);
     let excess = refit.chi - 1.0;
     // Least fraction that a comparison of fits resolves.
     let floor = (RESOLVED / (refit.rows() as f64 * excess.max(1e-9))).sqrt().min(1.0);
-    let gap = excess > LEAST_GAP * LEAST_GAP;
-    if !gap {
+    if !has_gap(&refit) {
         let explanations = by_symmetry(bench, &refit, 0.0, floor, without, FREED_LEAST);
         // Only the cost of the shifts speaks, and it is a proper chi-square.
         let mut scores: Vec<f64> = explanations.iter().map(|e| -0.5 * e.judged.prior_cost - LOOK_ELSEWHERE).collect();

@@ -116,7 +116,7 @@ pub(super) fn carry(
     to: &Hypothesis,
     same: bool,
 ) -> Vec<f64> {
-    let mut carried = there.origin(to, &[]);
+    let mut carried = there.origin(to);
     let numbers = here.free.len();
     carried[..numbers].copy_from_slice(&z[..numbers]);
     let logs = if same { here.records.len() } else { there.records.len().min(1) };

@@ -7,6 +7,7 @@
 use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
 use super::descend::{Found, noise_weights};
 use super::normal::{Lockstep, predict, reader, residuals};
+use super::plants::carry;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
 use plant_sim::replay::Reader;
@@ -101,8 +102,8 @@ pub fn screen(
             .iter()
             .flat_map(|block| (0..block.columns()).map(move |column| (block, column)))
             .map(|(block, column)| {
-                let mut z = bench.origin(&block.hypothesis, &nested(block, base, &found.z, bench, index, column));
-                copy_base(bench, base, &block.hypothesis, &found.z, &mut z);
+                let mut z = carry(bench, base, &found.z, bench, &block.hypothesis, true);
+                bench.set_last(&block.hypothesis, &mut z, &block.values_of(column));
                 reader(bench, &block.hypothesis, &z, index)
             })
             .collect();
@@ -267,27 +268,4 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]
         }
     }
     blocks
-}
-
-/// Values for the hypothesis of a block: those found for the base, and the block's own.
-fn nested(block: &Block, base: &Hypothesis, z: &[f64], bench: &Bench<'_>, log: usize, column: usize) -> Vec<Vec<f64>> {
-    let mut values = bench.values(base, z, log);
-    values.push(block.values_of(column));
-    values
-}
-
-/// Copies what `base` has found, nominal numbers and starts, into the coordinates of a hypothesis that extends it.
-pub(super) fn copy_base(bench: &Bench<'_>, base: &Hypothesis, wider: &Hypothesis, from: &[f64], to: &mut [f64]) {
-    let nominal = bench.free.len();
-    to[..nominal].copy_from_slice(&from[..nominal]);
-    for index in 0..bench.records.len() {
-        let (at, there) = (bench.own_start(base, index), bench.own_start(wider, index));
-        let count = bench.start_count(base.freedom).min(bench.start_count(wider.freedom));
-        to[there..there + count].copy_from_slice(&from[at..at + count]);
-        for (places, wide) in bench.places(base, index).iter().zip(bench.places(wider, index)) {
-            for (&place, wide) in places.iter().zip(wide) {
-                to[wide] = from[place];
-            }
-        }
-    }
 }

@@ -4,8 +4,12 @@ use super::bench::{Bench, Freedom, Hypothesis};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::lines::resonances;
 use super::normal::reader;
-use super::screen::{Lead, copy_base, screen};
+use super::plants::carry;
+use super::screen::{Lead, screen};
 use super::symmetry::symmetric;
+use plant_sim::effects::Kind;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::sync::atomic::AtomicUsize;
 
@@ -63,23 +67,46 @@ impl Search<'_> {
     /// The nominal plant, refitted under its priors.
     pub fn refit(&self, freedom: Freedom) -> Candidate {
         let hypothesis = Hypothesis::nominal(freedom);
-        let z = self.bench.origin(&hypothesis, &[]);
+        let z = self.bench.origin(&hypothesis);
         self.descend(&hypothesis, z, &STAGES)
+    }
+
+    /// The refit from another start: the first `attempt` looks on the other side of nominal, later ones where the priors allow. The better
+    /// of both.
+    pub fn refit_elsewhere(&self, refit: Candidate, attempt: u64) -> Candidate {
+        let mut z = self.bench.origin(&refit.hypothesis);
+        let mut random = Pcg64::seed_from_u64(attempt);
+        for (i, free) in self.bench.free.iter().enumerate() {
+            let draw: f64 = random.random_range(-1.5..1.5);
+            z[i] = if attempt == 0 { -refit.found.z[i] } else { free.prior_sigma * draw };
+        }
+        let other = self.descend(&refit.hypothesis, z, &STAGES[2..]);
+        if total(&other) < total(&refit) { other } else { refit }
     }
 
     /// `base` with the form of `lead`, fitted from there.
     pub fn extend(&self, base: &Candidate, lead: &Lead, from_nominal: bool) -> Candidate {
         let hypothesis = base.hypothesis.with(lead.effect, lead.form, &self.bench.scales());
-        let mut values = self.bench.values(&base.hypothesis, &base.found.z, 0);
-        values.push(lead.values.clone());
-        let mut z = self.bench.origin(&hypothesis, &values);
-        copy_base(self.bench, &base.hypothesis, &hypothesis, &base.found.z, &mut z);
+        let mut z = if lead.form.kind == Kind::Start {
+            // What the refit made of the starts is what the effect is about.
+            self.bench.origin(&hypothesis)
+        } else {
+            carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true)
+        };
+        self.bench.set_last(&hypothesis, &mut z, &lead.values);
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
             self.descend(&hypothesis, z, &STAGES[1..])
         } else {
             self.descend(&hypothesis, z, &LAST_STAGES)
         }
+    }
+
+    /// The nominal plant again, from the numbers and starts of a fit with effects: an unmodelled effect may have led the first refit into
+    /// a local minimum.
+    pub fn refit_again(&self, refit: &Candidate, fit: &Candidate) -> Candidate {
+        let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &refit.hypothesis, true);
+        self.descend(&refit.hypothesis, z, &LAST_STAGES)
     }
 
     /// The candidate again, its nominal numbers put back at nominal; the better of both.

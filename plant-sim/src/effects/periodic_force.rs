@@ -28,7 +28,7 @@ const N_STARTS: usize = 80;
 const FORMS: &[Form] = &[Form::predictable(
     "line",
     |scales| {
-        let bounds = [0.5 / scales.longest_s, 0.45 / scales.sample_s];
+        let bounds = [3.0 / scales.longest_s, 0.45 / scales.sample_s];
         let mut parameters =
             vec![Parameter::shape("line_hz", "Hz", bounds, spaced(2.0 * bounds[0], 0.9 * bounds[1], N_STARTS))];
         let force_n = scales.plant.stiffness_n_per_m * scales.stroke_m;
