@@ -10,7 +10,8 @@ const ABOUT: About = About {
     what: "The hysteresis has one more element, with a dead zone of its own, than the nominal plant.",
     equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
                its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Given by r = \
-               alpha^2 / (C k), k: stiffness, and tau = C / beta",
+               alpha^2 / (C k), k: stiffness, tau = C / beta, and the fast travel d C / alpha from one end of the \
+               dead zone to the other",
     source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements or relays: Prandtl-Ishlinskii \
              and Preisach models in Hassani's survey; size assumed",
     typical: "1 to 5 % of the stiffness",
@@ -25,12 +26,13 @@ const ABOUT: About = About {
 const FORMS: &[Form] = &[Form::predictable(
     "dead-zone",
     |scales| {
-        let drive_v = scales.drive_v;
-        let starts = [0.15, 0.4, 0.8, 1.4].map(|share| share * drive_v).to_vec();
+        // In displacement, so that strength and width are independent: a weak hysteron has a narrow dead zone in volts.
+        let stroke_m = scales.stroke_m;
+        let starts = [0.2, 0.5, 1.0].map(|share| share * stroke_m).to_vec();
         vec![
             Parameter::amplitude("stiffness_ratio", "", [0.0, 1.0], 0.02),
-            Parameter::shape("time_constant_s", "s", [1e-6, 0.1], vec![1e-5, 5e-3]),
-            Parameter::shape("dead_zone_v", "V", [0.05 * drive_v, 2.0 * drive_v], starts),
+            Parameter::shape("time_constant_s", "s", [1e-6, 0.1], vec![1e-5, 1e-3, 2e-2]),
+            Parameter::shape("dead_zone_m", "m", [0.02 * stroke_m, 4.0 * stroke_m], starts),
         ]
     },
     |chain, p| add_hysteron(chain, p[0], p[1], p[2]),

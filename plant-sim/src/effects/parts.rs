@@ -45,10 +45,12 @@ pub(super) fn narrow(range_v: &mut [f64; 2], [low_v, high_v]: [f64; 2]) {
     range_v[0] = range_v[0].max(low_v).min(range_v[1]);
 }
 
-/// A hysteron that stiffens fast motion by `ratio` of the plant's stiffness, relaxes in `time_constant_s`, and has a dead zone.
-pub(super) fn add_hysteron(chain: &mut Chain, ratio: f64, time_constant_s: f64, dead_zone_v: f64) {
+/// A hysteron that stiffens fast motion by `ratio` of the plant's stiffness, relaxes in `time_constant_s`, and has a dead zone as wide as
+/// a fast travel of `dead_zone_m`.
+pub(super) fn add_hysteron(chain: &mut Chain, ratio: f64, time_constant_s: f64, dead_zone_m: f64) {
     let plant = &mut chain.plant;
     let capacitance_f = plant.transduction_c_per_m.powi(2) / (plant.stiffness_n_per_m * ratio.max(TINY));
+    let dead_zone_v = dead_zone_m * plant.transduction_c_per_m / capacitance_f;
     plant.hysterons.push(Hysteron { capacitance_f, slope_s: capacitance_f / time_constant_s, dead_zone_v });
 }
 
