@@ -82,7 +82,8 @@ impl Command {
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
             Command::Diagnose(call) => {
-                [&call.plant].into_iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
+                let own = [&call.plant].into_iter().chain(&call.controller);
+                own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
             Command::Effects(_) | Command::BlindCheck(_) => Vec::new(),
         }
@@ -244,6 +245,12 @@ pub struct DiagnoseCall {
     /// Entries to strike out of the registry: what would be said without them?
     #[arg(long, value_name = "ID,..", value_delimiter = ',')]
     pub without: Vec<String>,
+    /// Controller whose tracking error is predicted with the nominal and with the diagnosed plant
+    #[arg(long, value_name = "C.toml")]
+    pub controller: Option<PathBuf>,
+    /// What that controller shall follow
+    #[arg(long, value_name = "SPEC", requires = "controller", default_value = "sine:40um@50Hz,for=0.2s")]
+    pub reference: String,
     /// Print diagnosis.json on standard output
     #[arg(long)]
     pub json: bool,

@@ -129,7 +129,7 @@ impl From<IdentifyError> for Failure {
 impl From<DiagnoseError> for Failure {
     fn from(error: DiagnoseError) -> Self {
         let code = match error {
-            DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } => WRONG_CALL,
+            DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } | DiagnoseError::ClosedLoop { .. } => WRONG_CALL,
             _ => BAD_FILE,
         };
         Self { code, message: error.to_string() }

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Nominal plant of a case, beside its logs.
 pub const PLANT: &str = "nominal.toml";
@@ -19,6 +19,10 @@ const DONE: &str = "run.json";
 const ANSWER: &str = "diagnosis.json";
 /// Page of a case.
 pub const REPORT: &str = "report.html";
+const COMPLAINTS: &str = "complaints.txt";
+/// A diagnosis that takes longer than this has failed, and how often it is asked.
+const LONGEST: Duration = Duration::from_secs(30 * 60);
+const POLL: Duration = Duration::from_millis(20);
 /// Letters of what a failed diagnosis said that are kept.
 const MOST_SAID: usize = 400;
 
@@ -91,27 +95,42 @@ fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure
         command.args(["--held-out", log]);
     }
     command.args(["--out", "answer"]).args(&input.arguments);
-    let output = command
-        .output()
+    let unwritable = |e| Failure::unwritable(folder, &e);
+    // Into a file: nobody reads a pipe while the diagnosis is waited for.
+    let complaints = folder.join(COMPLAINTS);
+    command.stderr(fs::File::create(&complaints).map_err(unwritable)?);
+    let mut child = command
+        .spawn()
         .map_err(|e| Failure::call(format!("{}: cannot be started: {e}; name another program", program.display())))?;
-    if was_interrupted(output.status) {
+    let mut status = child.try_wait().map_err(unwritable)?;
+    while status.is_none() && started.elapsed() < LONGEST {
+        std::thread::sleep(POLL);
+        status = child.try_wait().map_err(unwritable)?;
+    }
+    let Some(status) = status else {
+        let _ = child.kill();
+        let _ = child.wait();
+        let said = Some(format!("stopped: no answer after {} min", LONGEST.as_secs() / 60));
+        return Ok(Ran { exit_code: None, seconds: started.elapsed().as_secs_f64(), diagnosis_sha256: None, said });
+    };
+    if was_interrupted(status) {
         return Err(Failure::interrupted("interrupted: the same call goes on where this one stopped"));
     }
     let seconds = started.elapsed().as_secs_f64();
-    let exit_code = output.status.code();
+    let exit_code = status.code();
     let answer = folder.join("answer");
     if exit_code == Some(0)
         && let Ok(text) = fs::read(answer.join(ANSWER))
     {
-        let unwritable = |e| Failure::unwritable(folder, &e);
         fs::rename(answer.join(ANSWER), folder.join(ANSWER)).map_err(unwritable)?;
         // A page is welcome, and not part of the answer.
         let _ = fs::rename(answer.join(REPORT), folder.join(REPORT));
         return Ok(Ran { exit_code, seconds, diagnosis_sha256: Some(sha256(&text)), said: None });
     }
-    let said = String::from_utf8_lossy(&output.stderr);
+    let said = fs::read(&complaints).unwrap_or_default();
+    let said = String::from_utf8_lossy(&said);
     let said: String = said.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(MOST_SAID).collect();
-    let said = format!("{}: {}", output.status, if said.is_empty() { "no diagnosis.json" } else { &said });
+    let said = format!("{}: {}", status, if said.is_empty() { "no diagnosis.json" } else { &said });
     Ok(Ran { exit_code, seconds, diagnosis_sha256: None, said: Some(said) })
 }
 
@@ -160,6 +179,7 @@ pub fn each<T: Sync>(
     work: impl Fn(&T) -> Result<(), Failure> + Sync,
 ) -> Result<(), Failure> {
     let bar = output::bar(items.len() as u64, what);
+    let (started, done) = (Instant::now(), AtomicUsize::new(0));
     let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
     let is_stopped = || failed.lock().map_or(true, |failed| failed.is_some());
     std::thread::scope(|scope| {
@@ -174,6 +194,12 @@ pub fn each<T: Sync>(
                         failed.get_or_insert(failure);
                     }
                     bar.inc(1);
+                    let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+                    // Without a terminal there is no bar: a line for every tenth.
+                    if bar.is_hidden() && (10 * done) / items.len() > (10 * (done - 1)) / items.len() {
+                        let minutes = started.elapsed().as_secs_f64() / 60.0;
+                        output::complain(&format!("{what}: {done} of {}, {minutes:.1} min", items.len()));
+                    }
                 }
             });
         }

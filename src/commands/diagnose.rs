@@ -3,8 +3,9 @@
 use crate::arguments::DiagnoseCall;
 use crate::failure::Failure;
 use crate::output;
-use gap_diagnosis::diagnose::{self, Diagnosis, Options};
+use gap_diagnosis::diagnose::{self, Diagnosis, Loop, Options};
 use gap_diagnosis::locate::strongest;
+use plant_sim::controller::Controller;
 use plant_sim::model::Model;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,10 @@ pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
         run_in_s: call.start.run_in,
         seed: call.seed,
         without: call.without.clone(),
+        predict: match &call.controller {
+            Some(path) => Some(Loop { controller: Controller::read(path)?, reference: call.reference.clone() }),
+            None => None,
+        },
     };
     let bar = output::bar(STEPS, "");
     let mut found = diagnose::diagnose(&plant, &logs, &held_out, &options, &|what, share| {
@@ -128,6 +133,12 @@ fn print(call: &DiagnoseCall, found: &Diagnosis) {
         output::line(&format!(
             "  {:44} {:>11.4e}, stated {:.4e} +- {:.1e}",
             changed.name, changed.refit, changed.nominal, changed.sigma
+        ));
+    }
+    if let Some(of) = &found.closed_loop {
+        output::line(&format!(
+            "tracking error of {} on {}: {:.4} um with the nominal plant, {:.4} um with the diagnosed one",
+            of.controller, of.reference, of.nominal_error_um, of.augmented_error_um
         ));
     }
     match &found.next_experiment {

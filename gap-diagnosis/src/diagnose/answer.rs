@@ -2,6 +2,7 @@
 
 use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::Bench;
+use super::closed_loop::ClosedLoop;
 use super::gap::{Gap, ShareOf, Three, gap, shares};
 use super::judge::{Course, Explanation};
 use super::next::{NextExperiment, next_experiment};
@@ -48,6 +49,9 @@ pub struct Diagnosis {
     pub class_reasons: Vec<String>,
     /// The gap in numbers.
     pub gap: Gap,
+    /// What a loop makes of it, if one was named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closed_loop: Option<ClosedLoop>,
     /// Who explains how much of it.
     pub shares: Vec<ShareOf>,
     /// Numbers of the effects.
@@ -235,6 +239,7 @@ pub(super) fn answer(
         class_reasons: classes.iter().map(|class| class.reason.clone()).collect(),
         classes,
         gap,
+        closed_loop: None,
         shares,
         parameters: found.estimates(bench),
         changed: found.changed(bench),

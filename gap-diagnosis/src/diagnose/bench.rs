@@ -5,15 +5,19 @@ use crate::identify::parameters::{Free, Quantity, Scale};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
-use plant_sim::log::Log;
+use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
 use plant_sim::phs::PhsState;
 use plant_sim::replay::Start;
+use std::f64::consts::TAU;
 
 /// Relative standard deviation of a nominal number whose source gives none.
 const SIGMA: f64 = 0.02;
 /// Farthest that a nominal number may move, as a natural logarithm.
 const BOUND: f64 = 1.5;
+/// Thinnings that are tried, and the rows that the plant's own period keeps.
+const FACTORS: [usize; 2] = [4, 2];
+const ROWS_PER_PERIOD: f64 = 6.0;
 /// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
 const LOG_STEP: f64 = 0.7;
 const FREQUENCY_STEP: f64 = 0.04;
@@ -235,6 +239,8 @@ pub struct Bench<'a> {
     pub mass_sigma: f64,
     /// The logs.
     pub records: Vec<Record<'a>>,
+    /// Every log with fewer rows, for sensitivities; none where every row is needed.
+    pub thinned: Vec<Option<Thinned>>,
     /// Half of the largest spans, for the registry's bounds.
     pub stroke_m: f64,
     /// See `stroke_m`.
@@ -279,12 +285,16 @@ impl<'a> Bench<'a> {
         let half = |of: &dyn Fn(&Log) -> f64| 0.5 * records.iter().map(|r| of(r.log)).fold(0.0, f64::max);
         let stroke_m = half(&|log| span(&log.displacement_m)).max(1e-12);
         let drive_v = half(&|log| span(&log.command_v)).max(1e-9);
+        let plant = &chain.plant;
+        let natural_hz = (plant.stiffness_n_per_m / plant.mass_kg).sqrt() / TAU;
+        let thinned = records.iter().map(|record| thinned(record.log, ROWS_PER_PERIOD * natural_hz)).collect();
         let rate_v_per_s = records.iter().map(|r| smooth_rate(r.log)).fold(0.0, f64::max);
         Self {
             model,
             chain,
             free,
             mass_sigma: model.structure.mass_kg.sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
+            thinned,
             stroke_m,
             drive_v,
             rate_v_per_s: if rate_v_per_s > 0.0 { rate_v_per_s } else { drive_v * 100.0 },
@@ -496,6 +506,33 @@ impl<'a> Bench<'a> {
         let start = self.start_at(hypothesis, z, index, &chain);
         (start.state, start.drive_v)
     }
+}
+
+/// A log with one row in place of several, each with the mean of their commands.
+pub struct Thinned {
+    /// How many.
+    pub factor: usize,
+    /// The log.
+    pub log: Log,
+}
+
+/// `log` at a rate of `least_hz` or more, if that saves rows.
+fn thinned(log: &Log, least_hz: f64) -> Option<Thinned> {
+    let factor = FACTORS.into_iter().find(|factor| log.dt_s * *factor as f64 * least_hz < 1.0)?;
+    if log.meta.hold != Hold::Zoh || log.force_n.is_some() {
+        return None;
+    }
+    let mean = |rows: &[f64]| rows.iter().sum::<f64>() / rows.len() as f64;
+    let log = Log {
+        name: log.name.clone(),
+        time_start_s: log.time_start_s,
+        dt_s: log.dt_s * factor as f64,
+        command_v: log.command_v.chunks(factor).map(mean).collect(),
+        displacement_m: log.displacement_m.iter().step_by(factor).copied().collect(),
+        meta: log.meta.clone(),
+        ..Log::default()
+    };
+    Some(Thinned { factor, log })
 }
 
 /// The sensor's zero, if the plant's file says how well it is known: what lies within that is no gap.

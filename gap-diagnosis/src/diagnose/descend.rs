@@ -5,7 +5,7 @@
 //! the priors hold the nominal numbers together until the fit is near.
 
 use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, pin_idle};
-use super::normal::{Normal, evaluate};
+use super::normal::{Normal, Sensitivities, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
 
@@ -68,9 +68,20 @@ pub fn descend(
 ) -> Found {
     let rules = bench.rules(hypothesis);
     let noise = noise_weights(bench);
-    let mut normal = evaluate(bench, hypothesis, &z, true, simulations);
-    for (index, &softness) in stages.iter().enumerate() {
-        let last = index + 1 == stages.len();
+    let is_far = |normal: &Normal| normal.cost(&noise) > FAR * normal.rows() as f64;
+    let mut phases: Vec<(f64, Sensitivities)> = stages.iter().map(|&stage| (stage, Sensitivities::Thinned)).collect();
+    if bench.thinned.iter().any(Option::is_some) {
+        phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));
+    }
+    let mut normal = evaluate(bench, hypothesis, &z, Sensitivities::Thinned, simulations);
+    for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
+        let last = index + 1 >= stages.len();
+        if sensitivities == Sensitivities::All {
+            if is_far(&normal) {
+                break;
+            }
+            normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
+        }
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
@@ -81,9 +92,8 @@ pub fn descend(
             let Some(next) = step(bench, hypothesis, &rules, &z, &normal, &weights, before, simulations) else { break };
             let gained = before - next.1;
             z = next.0;
-            normal = evaluate(bench, hypothesis, &z, true, simulations);
-            let is_far = last && before > FAR * normal.logs.iter().map(|log| log.rows as f64).sum::<f64>();
-            if gained <= before * if is_far { ROUGH } else { tolerance } {
+            normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
+            if gained <= before * if last && is_far(&normal) { ROUGH } else { tolerance } {
                 break;
             }
         }
@@ -106,8 +116,7 @@ fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule]) -> Vec<Rule>
 
 /// One over what a sample is uncertain by, squared: its log's noise or a multiple of the mean squared residual, whichever is larger.
 fn weights(normal: &Normal, noise: &[f64], softness: f64) -> Vec<f64> {
-    let (squares, rows) = normal.logs.iter().fold((0.0, 0), |(s, n), log| (s + log.squares_m2, n + log.rows));
-    let soft = softness * squares / rows.max(1) as f64;
+    let soft = softness * normal.rms_m().powi(2);
     noise.iter().map(|weight| 1.0 / (1.0 / weight).max(soft)).collect()
 }
 
@@ -129,7 +138,7 @@ fn step(
     while damping <= MOST_DAMPING {
         let change = bounded_step(&information, &gradient, rules, z, damping)?;
         let there: Vec<f64> = z.iter().zip(change.iter()).map(|(z, c)| z + c).collect();
-        let cost = evaluate(bench, hypothesis, &there, false, simulations).cost(weights)
+        let cost = evaluate(bench, hypothesis, &there, Sensitivities::None, simulations).cost(weights)
             + prior_cost(rules, &there, there.len());
         if cost < before {
             return Some((there, cost));

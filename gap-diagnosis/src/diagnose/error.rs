@@ -30,6 +30,12 @@ pub enum DiagnoseError {
         /// What it resembles.
         nearest: &'static str,
     },
+    /// The loop whose error was to be predicted can't run.
+    #[error("the loop to predict: {reason}")]
+    ClosedLoop {
+        /// What is wrong and what would do.
+        reason: String,
+    },
     /// Too little left after the run-in.
     #[error(
         "{log}: {rows} rows are left after a run-in of {run_in_s} s; at least {LEAST_ROWS} are needed: shorten --run-in or record longer"

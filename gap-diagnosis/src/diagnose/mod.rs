@@ -11,6 +11,7 @@
 mod answer;
 mod augment;
 pub mod bench;
+mod closed_loop;
 pub mod descend;
 mod error;
 pub mod evidence;
@@ -32,6 +33,7 @@ mod verdict;
 
 pub use answer::{Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};
 pub use augment::{Changed, Estimate};
+pub use closed_loop::{ClosedLoop, Loop};
 pub use error::DiagnoseError;
 pub use gap::{Gap, ShareOf};
 pub use judge::Say;
@@ -57,6 +59,8 @@ pub struct Options {
     pub seed: u64,
     /// Entries to strike out of the registry: what would be said if nobody had thought of them?
     pub without: Vec<String>,
+    /// A loop whose tracking error is to be predicted with the nominal and with the diagnosed plant.
+    pub predict: Option<Loop>,
 }
 
 /// Diagnoses the gap between `plant` and `logs`; `held_out` logs are never fitted, save their starts, and make the headline.
@@ -79,6 +83,10 @@ pub fn diagnose(
         if effects::find(id).is_none() && id != "parameter_error" {
             return Err(DiagnoseError::NoSuchEntry { id: id.clone(), nearest: effects::nearest(id) });
         }
+    }
+    if let Some(wanted) = &options.predict {
+        // A loop that can't run is refused before the work.
+        closed_loop::predict(wanted, plant, plant, &logs[0])?;
     }
     let run_in = |log: &Log| {
         let run_in_s = options.run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
@@ -106,5 +114,9 @@ pub fn diagnose(
     let search = Search { bench: &bench, simulations: &simulations };
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
     let course = judge::course(&search, freedom, &without, progress);
-    Ok(answer::answer(&search, &course, &benches, options, error::warnings(logs, held_out), progress))
+    let mut found = answer::answer(&search, &course, &benches, options, error::warnings(logs, held_out), progress);
+    if let Some(wanted) = &options.predict {
+        found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);
+    }
+    Ok(found)
 }

@@ -3,12 +3,13 @@
 
 use super::bench::{Bench, Hypothesis, Record};
 use nalgebra::{DMatrix, DVector};
+use plant_sim::log::Log;
 use plant_sim::replay::Reader;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that the chains run ahead before their differences are added up.
-const CHUNK: usize = 4096;
+/// Rows that the chains run ahead before their differences are added up; a multiple of every thinning.
+pub(super) const CHUNK: usize = 4096;
 
 /// Sums over the fitted rows of one log, and the squares of its held-out rows.
 #[derive(Clone, Debug)]
@@ -38,45 +39,134 @@ pub struct Normal {
     pub own: usize,
 }
 
+/// Which rows sensitivities are taken at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensitivities {
+    /// None: squares alone.
+    None,
+    /// Some of them, where the log is thinned: for steps, and for leads.
+    Thinned,
+    /// All: for where a fit ends.
+    All,
+}
+
 /// Log `index` played at coordinates `z`.
 pub(super) fn reader<'a>(bench: &'a Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Reader<'a> {
+    reader_of(bench, hypothesis, z, index, bench.records[index].log)
+}
+
+/// `log`, which is log `index` or what is left of it, played at coordinates `z`.
+pub(super) fn reader_of<'a>(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    z: &[f64],
+    index: usize,
+    log: &'a Log,
+) -> Reader<'a> {
     let chain = bench.chain_at(hypothesis, z, index);
     let start = bench.start_at(hypothesis, z, index, &chain);
-    Reader::new(&chain, bench.records[index].log, &start)
+    Reader::new(&chain, log, &start)
 }
 
 /// The chain of a log, and one for each of the log's coordinates a small step away, in lockstep.
 pub(super) struct Lockstep<'a> {
     record: &'a Record<'a>,
     base: Reader<'a>,
+    /// Rows that one row of the sensitivities stands for, and the base as they see it if that is not one.
+    thin: usize,
+    thinned: Option<Reader<'a>>,
     moved: Vec<(Reader<'a>, f64)>,
 }
 
+/// Some rows of a log: what is predicted, what is left, and the derivatives of the prediction.
+#[derive(Default)]
+pub(super) struct Chunk {
+    /// Sum of squared residuals of the fitted rows and their number, then the same of those held out.
+    pub squares_m2: [f64; 2],
+    /// See `squares_m2`.
+    pub rows: [usize; 2],
+    /// Prediction at the rows of the sensitivities; see [`predict`].
+    pub base: Vec<f64>,
+    /// Derivatives of that by each coordinate.
+    pub columns: Vec<Vec<f64>>,
+    /// Which of these rows are fitted, ..
+    pub places: Vec<usize>,
+    /// .. and the sum of the residuals of all rows that each stands for.
+    pub residuals_m: Vec<f64>,
+}
+
+impl Chunk {
+    /// Derivatives at the fitted rows, a column for each coordinate.
+    pub fn matrix(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.places.len(), self.columns.len(), |k, j| self.columns[j][self.places[k]])
+    }
+}
+
 impl<'a> Lockstep<'a> {
-    /// Log `index` at `z`; without moved chains if not `sensitive`.
-    pub fn new(bench: &'a Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize, sensitive: bool) -> Self {
+    /// Log `index` at `z`.
+    pub fn new(
+        bench: &'a Bench<'_>,
+        hypothesis: &Hypothesis,
+        z: &[f64],
+        index: usize,
+        sensitivities: Sensitivities,
+    ) -> Self {
         let rules = bench.rules(hypothesis);
-        let coordinates = if sensitive { bench.coordinates_of(hypothesis, index) } else { Vec::new() };
+        let record = &bench.records[index];
+        let (thin, log) = match &bench.thinned[index] {
+            Some(thinned) if sensitivities == Sensitivities::Thinned => (thinned.factor, &thinned.log),
+            _ => (1, record.log),
+        };
+        let coordinates = match sensitivities {
+            Sensitivities::None => Vec::new(),
+            _ => bench.coordinates_of(hypothesis, index),
+        };
         let moved = coordinates.into_iter().map(|place| {
             let step = rules[place].inward_step(z[place]);
             let mut there = z.to_vec();
             there[place] += step;
-            (reader(bench, hypothesis, &there, index), step)
+            (reader_of(bench, hypothesis, &there, index, log), step)
         });
-        let record = &bench.records[index];
-        Self { record, moved: moved.collect(), base: reader(bench, hypothesis, z, index) }
+        let thinned = (thin > 1).then(|| reader_of(bench, hypothesis, z, index, log));
+        Self { record, base: reader(bench, hypothesis, z, index), thin, thinned, moved: moved.collect() }
     }
 
-    /// Predictions of the next rows and their derivatives by each coordinate; see [`predict`].
-    pub fn next(&mut self, rows: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
+    /// Rows that one row of the sensitivities stands for.
+    pub fn thin(&self) -> usize {
+        self.thin
+    }
+
+    /// The next `rows` rows, which begin at `from`.
+    pub fn next(&mut self, from: usize, rows: usize) -> Chunk {
         let predicted = predict(self.record, &mut self.base, rows);
+        let thin_rows = rows / self.thin;
+        let mut chunk = Chunk::default();
+        let mut sums = vec![0.0; predicted.len() / rows * thin_rows];
+        let mut counts = vec![0; sums.len()];
+        for Residual { at, residual_m, is_held_out } in residuals(self.record, &predicted, from, rows) {
+            chunk.squares_m2[usize::from(is_held_out)] += residual_m * residual_m;
+            chunk.rows[usize::from(is_held_out)] += 1;
+            let thin_row = at % rows / self.thin;
+            if !is_held_out && thin_row < thin_rows {
+                let place = at / rows * thin_rows + thin_row;
+                sums[place] += residual_m;
+                counts[place] += 1;
+            }
+        }
+        chunk.places = (0..sums.len()).filter(|place| counts[*place] == self.thin).collect();
+        chunk.residuals_m = chunk.places.iter().map(|place| sums[*place]).collect();
+        chunk.base = match &mut self.thinned {
+            Some(reader) => predict(self.record, reader, thin_rows),
+            None => predicted,
+        };
+        let base = &chunk.base;
         let derivative = |(reader, step): &mut (Reader<'_>, f64)| {
-            let mut moved = predict(self.record, reader, rows);
-            moved.iter_mut().zip(&predicted).for_each(|(moved, p)| *moved = (*moved - p) / *step);
+            let mut moved = predict(self.record, reader, thin_rows);
+            moved.iter_mut().zip(base).for_each(|(moved, p)| *moved = (*moved - p) / *step);
             moved
         };
-        let columns = self.moved.par_iter_mut().map(derivative).collect();
-        (predicted, columns)
+        chunk.columns = self.moved.par_iter_mut().map(derivative).collect();
+        chunk
     }
 }
 
@@ -91,18 +181,15 @@ pub(super) fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize)
     predicted
 }
 
-/// A fitted or held-out place of `predicted` and its residual.
-pub(super) struct Residual {
-    /// Index into what was predicted.
-    pub at: usize,
-    /// Measured minus predicted.
-    pub residual_m: f64,
-    /// Whether it is kept from the fits.
-    pub is_held_out: bool,
+/// A place of what was predicted, and its residual.
+struct Residual {
+    at: usize,
+    residual_m: f64,
+    is_held_out: bool,
 }
 
 /// Residuals of the rows after `from`, run-ins left out.
-pub(super) fn residuals<'a>(
+fn residuals<'a>(
     record: &'a Record<'_>,
     predicted: &'a [f64],
     from: usize,
@@ -119,17 +206,16 @@ pub(super) fn residuals<'a>(
     })
 }
 
-/// The sums at `z`; with sensitivities if `sensitive`, else squares alone. `simulations` counts simulated logs.
+/// The sums at `z`. `simulations` counts simulated logs.
 pub fn evaluate(
     bench: &Bench<'_>,
     hypothesis: &Hypothesis,
     z: &[f64],
-    sensitive: bool,
+    sensitivities: Sensitivities,
     simulations: &AtomicUsize,
 ) -> Normal {
     let one_log = |index: usize| {
-        let record = &bench.records[index];
-        let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitive);
+        let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
         let mut sums = Sums {
@@ -140,27 +226,17 @@ pub fn evaluate(
             held_squares_m2: 0.0,
             held_rows: 0,
         };
-        let n = record.log.len();
+        let n = bench.records[index].log.len();
         for from in (0..n).step_by(CHUNK) {
-            let rows = CHUNK.min(n - from);
-            let (predicted, columns) = lockstep.next(rows);
-            let mut fitted = Vec::with_capacity(rows);
-            let mut residuals_m = Vec::with_capacity(rows);
-            for Residual { at, residual_m, is_held_out } in residuals(record, &predicted, from, rows) {
-                if is_held_out {
-                    sums.held_squares_m2 += residual_m * residual_m;
-                    sums.held_rows += 1;
-                } else {
-                    sums.squares_m2 += residual_m * residual_m;
-                    sums.rows += 1;
-                    fitted.push(at);
-                    residuals_m.push(residual_m);
-                }
-            }
-            if count > 0 && !fitted.is_empty() {
-                let matrix = DMatrix::from_fn(fitted.len(), count, |k, j| columns[j][fitted[k]]);
-                sums.products.gemm_tr(1.0, &matrix, &matrix, 1.0);
-                sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(residuals_m), 1.0);
+            let chunk = lockstep.next(from, CHUNK.min(n - from));
+            sums.squares_m2 += chunk.squares_m2[0];
+            sums.rows += chunk.rows[0];
+            sums.held_squares_m2 += chunk.squares_m2[1];
+            sums.held_rows += chunk.rows[1];
+            if count > 0 && !chunk.places.is_empty() {
+                let matrix = chunk.matrix();
+                sums.products.gemm_tr(lockstep.thin as f64, &matrix, &matrix, 1.0);
+                sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(chunk.residuals_m), 1.0);
             }
         }
         sums
@@ -195,9 +271,13 @@ impl Normal {
         (information, gradient)
     }
 
+    /// Fitted rows.
+    pub fn rows(&self) -> usize {
+        self.logs.iter().map(|log| log.rows).sum()
+    }
+
     /// Rms of the fitted rows of all logs, metres.
     pub fn rms_m(&self) -> f64 {
-        let (squares, rows) = self.logs.iter().fold((0.0, 0), |(s, n), log| (s + log.squares_m2, n + log.rows));
-        (squares / rows.max(1) as f64).sqrt()
+        (self.logs.iter().map(|log| log.squares_m2).sum::<f64>() / self.rows().max(1) as f64).sqrt()
     }
 }

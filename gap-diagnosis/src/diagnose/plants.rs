@@ -11,7 +11,7 @@ use plant_sim::model::Model;
 use rayon::prelude::*;
 
 /// Share of a held-out log that its start is fitted to.
-pub(super) const START_SHARE: f64 = 0.1;
+pub(super) const START_SHARE: f64 = 0.3;
 /// Steps of that fit at most, and halvings of a step.
 const STEPS: usize = 8;
 const HALVINGS: usize = 5;

@@ -78,7 +78,7 @@ pub(super) fn by_scatter(course: &Course, effect: &'static dyn Effect, form: &'s
     let (power_m2, sigma) = match effect.id() {
         "sampling_jitter" => (scattered.jitter_m2, scattered.jitter_sigma_s),
         "lost_samples" => {
-            let rows: usize = course.refit.found.normal.logs.iter().map(|log| log.rows).sum();
+            let rows = course.refit.rows();
             (scattered.repeated_m2, (value / rows.max(1) as f64).sqrt())
         }
         _ => (scattered.excess_m2.max(0.0), SCATTER_SIGMA * value),

@@ -5,7 +5,7 @@ use super::verdict::Verdict;
 use crate::locate::strongest;
 use crate::page::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, Page, RankView,
-    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
+    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
 };
 use crate::spectra::{best_linear, frf, segment_samples};
 use plant_sim::effects::find;
@@ -61,6 +61,18 @@ impl Diagnosis {
         }
     }
 
+    fn facts(&self) -> Vec<(String, String)> {
+        let shrink = format!("{:.1} %", self.gap.predicted_shrink_percent).replace('-', "−");
+        let mut facts = vec![("shrink predicted from the fitted rows".to_owned(), shrink)];
+        facts.extend(self.closed_loop.as_ref().map(|of| {
+            let errors = [of.nominal_error_um, of.augmented_error_um].map(|error_um| four_digits(error_um, "µm"));
+            let [nominal, augmented] = errors;
+            let what = format!("tracking error, {} on {}", of.controller, of.reference);
+            (what, format!("{nominal} with the nominal plant, {augmented} with the diagnosed one"))
+        }));
+        facts
+    }
+
     /// The page. `subtitle` says which plant and which logs; `provenance` how to repeat it.
     pub fn page(&self, title: &str, subtitle: &str, provenance: &[String]) -> Page {
         diagnosis_page(&self.view(title, subtitle, provenance))
@@ -83,10 +95,7 @@ impl Diagnosis {
                 shrink_percent_ci95: gap.shrink_percent_ci95,
                 closure_percent: gap.closure_percent,
             },
-            facts: vec![(
-                "shrink predicted from the fitted rows".to_owned(),
-                format!("{:.1} %", gap.predicted_shrink_percent).replace('-', "−"),
-            )],
+            facts: self.facts(),
             ranking: self
                 .ranking
                 .iter()

@@ -6,7 +6,7 @@
 
 use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
 use super::descend::{Found, noise_weights};
-use super::normal::{Lockstep, predict, reader, residuals};
+use super::normal::{CHUNK, Lockstep, Sensitivities, predict, reader_of};
 use super::plants::carry;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
@@ -15,8 +15,6 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows that all directions run ahead before their products are added up.
-const CHUNK: usize = 2048;
 /// Largest amplitude that a lead may start a fit from, in typical sizes: beyond, the linear estimate means nothing.
 const MOST: f64 = 30.0;
 /// Least amplitude a fit starts from, in typical sizes: at zero an effect has no gradient for its shape.
@@ -97,14 +95,15 @@ pub fn screen(
     let mut with_residual = Vec::new();
     for (index, record) in bench.records.iter().enumerate() {
         let places = bench.coordinates_of(base, index);
-        let mut nuisance = Lockstep::new(bench, base, &found.z, index, true);
+        let mut nuisance = Lockstep::new(bench, base, &found.z, index, Sensitivities::Thinned);
+        let thinned = bench.thinned[index].as_ref().map_or(record.log, |thinned| &thinned.log);
         let mut directions: Vec<Reader<'_>> = blocks
             .iter()
             .flat_map(|block| (0..block.columns()).map(move |column| (block, column)))
             .map(|(block, column)| {
                 let mut z = carry(bench, base, &found.z, bench, &block.hypothesis, true);
                 bench.set_last(&block.hypothesis, &mut z, &block.values_of(column));
-                reader(bench, &block.hypothesis, &z, index)
+                reader_of(bench, &block.hypothesis, &z, index, thinned)
             })
             .collect();
         simulations.fetch_add(1 + places.len() + directions.len(), Ordering::Relaxed);
@@ -115,30 +114,25 @@ pub fn screen(
         let n = record.log.len();
         for from in (0..n).step_by(CHUNK) {
             let rows = CHUNK.min(n - from);
-            let (predicted, sensitivities) = nuisance.next(rows);
-            let (fitted, residual): (Vec<usize>, Vec<f64>) = residuals(record, &predicted, from, rows)
-                .filter(|residual| !residual.is_held_out)
-                .map(|residual| (residual.at, residual.residual_m))
-                .unzip();
-            let residual = DVector::from_vec(residual);
+            let chunk = nuisance.next(from, rows);
+            let thin = nuisance.thin();
             let columns: Vec<Vec<f64>> = directions
                 .par_iter_mut()
                 .map(|reader| {
-                    let moved = predict(record, reader, rows);
-                    fitted.iter().map(|&at| moved[at] - predicted[at]).collect()
+                    let moved = predict(record, reader, rows / thin);
+                    chunk.places.iter().map(|&at| moved[at] - chunk.base[at]).collect()
                 })
                 .collect();
-            if fitted.is_empty() {
+            if chunk.places.is_empty() {
                 continue;
             }
-            let sensitivities =
-                DMatrix::from_fn(fitted.len(), places.len(), |k, place| sensitivities[place][fitted[k]]);
-            let columns = DMatrix::from_vec(fitted.len(), total, columns.concat());
-            cross.gemm_tr(1.0, &sensitivities, &columns, 1.0);
-            towards.gemv_tr(1.0, &columns, &residual, 1.0);
+            let stands_for = thin as f64;
+            let columns = DMatrix::from_vec(chunk.places.len(), total, columns.concat());
+            cross.gemm_tr(stands_for, &chunk.matrix(), &columns, 1.0);
+            towards.gemv_tr(1.0, &columns, &DVector::from_vec(chunk.residuals_m), 1.0);
             for ((block, &at), products) in blocks.iter().zip(&offsets).zip(&mut products) {
                 let own = columns.columns(at, block.columns());
-                products.gemm_tr(1.0, &own, &own, 1.0);
+                products.gemm_tr(stands_for, &own, &own, 1.0);
             }
         }
         let weight = weights[index];
@@ -158,7 +152,7 @@ pub fn screen(
     let Some(nuisance) = information.cholesky() else { return Vec::new() };
     let settled = nuisance.solve(&gradient);
 
-    let rows: usize = found.normal.logs.iter().map(|log| log.rows).sum();
+    let rows = found.normal.rows();
     let excess = (found.normal.cost(&weights) - rows as f64).max(1.0);
     let mut best: BTreeMap<(&str, &str), Lead> = BTreeMap::new();
     for (number, (block, &at)) in blocks.iter().zip(&offsets).enumerate() {

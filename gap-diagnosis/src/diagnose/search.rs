@@ -32,7 +32,7 @@ impl Candidate {
 
     /// Rows that were fitted.
     pub fn rows(&self) -> usize {
-        self.found.normal.logs.iter().map(|log| log.rows).sum()
+        self.found.normal.rows()
     }
 }
 
