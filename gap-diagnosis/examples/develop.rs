@@ -56,6 +56,17 @@ fn main() {
             );
         }
         if verbose {
+            println!(
+                "    refit {}",
+                found.refit.found.z.iter().map(|z| format!("{z:.3}")).collect::<Vec<_>>().join(" ")
+            );
+            for (record, sums) in bench.records.iter().zip(&found.refit.found.normal.logs) {
+                println!(
+                    "    {} refit rms {:.1} nm",
+                    record.log.name,
+                    1e9 * (sums.squares_m2 / sums.rows as f64).sqrt()
+                );
+            }
             if let Some(best) = found.explanations.first() {
                 for (record, sums) in bench.records.iter().zip(&best.candidate.found.normal.logs) {
                     println!(

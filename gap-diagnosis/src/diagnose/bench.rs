@@ -252,7 +252,7 @@ pub struct Bench<'a> {
 impl<'a> Bench<'a> {
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
-        super::records::share_noise(&mut records);
+        super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
         let nominal = model.chain();
         let sensor = Sensor {
             noise_m: 0.0,

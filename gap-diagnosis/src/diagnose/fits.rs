@@ -1,7 +1,7 @@
 //! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
 
 use super::bench::Bench;
-use super::judge::Say;
+use super::judge::{AT_NOISE, Say};
 use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Remainder, Search};
@@ -93,7 +93,7 @@ impl Fits<'_> {
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
         for fit in fits.iter_mut().take(finalists) {
-            if (WELL..0.5).contains(&self.left(fit)) {
+            if (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE {
                 (self.say)("polishing", 0.6);
                 *fit = self.search.polish(fit.clone());
             }
@@ -117,7 +117,7 @@ impl Fits<'_> {
         let mut fit = self.search.extend(self.refit, lead, true);
         let is_other = |l: &&Lead| l.effect.id() == lead.effect.id() && l.form.name != lead.form.name;
         for other in leads.iter().filter(is_other).filter(|other| other.gain > 0.6 * lead.gain).take(3) {
-            if self.left(&fit) < WELL {
+            if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
             let next = self.search.extend(self.refit, other, true);

@@ -16,7 +16,7 @@ const LEAST_GAP: f64 = 0.35;
 const RESOLVED: f64 = 20.0;
 /// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
 const RESTARTS: u64 = 4;
-const LOCAL_MINIMUM: f64 = 10.0;
+const LOCAL_MINIMUM: f64 = 400.0;
 /// A fit that leaves less than this may show the refit a better minimum, and one that leaves less than this is a better one.
 const MUCH_BETTER: f64 = 0.7;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost: three sigma and the look-elsewhere of a dozen directions.
@@ -24,7 +24,7 @@ const FREED_LEAST: f64 = 12.0;
 /// The same beside an effect that was fitted.
 const FREED_BESIDES: f64 = 60.0;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
-const AT_NOISE: f64 = 1.06;
+pub(super) const AT_NOISE: f64 = 1.06;
 /// What freeing one of a dozen directions must earn beyond its cost, and how much less likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 5.0;

@@ -4,6 +4,7 @@ use super::bench::{Record, extremes};
 use crate::residual::noise_rms;
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
+use plant_sim::param::Param;
 
 /// Floor of the noise in metres: a noise-free simulation still has rounding.
 const LEAST_NOISE_M: f64 = 1e-12;
@@ -20,6 +21,8 @@ const OFF_LATTICE: f64 = 0.02;
 const ROUGH: f64 = 1.2;
 /// A monitor's own error in shares of its span: no divider is better calibrated than that.
 const MONITOR_ACCURACY: f64 = 2e-3;
+/// The stated noise is believed if it is above what differences show by no more than this many of its sigma.
+const STATED_SIGMAS: f64 = 3.0;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
@@ -45,13 +48,19 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     }
 }
 
-/// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise.
-pub fn share_noise(records: &mut [Record<'_>]) {
+/// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise. Where the
+/// plant's file states a little more than the differences show, the noise is coloured and the file is right.
+pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
     let mut all: Vec<f64> = records.iter().map(|r| r.noise_m).collect();
     all.sort_by(f64::total_cmp);
     let Some(&median_m) = all.get(all.len().saturating_sub(1) / 2) else { return };
+    let stated_m = stated.map_or(0.0, |noise| {
+        let stated_m = noise.value * 1e-6;
+        let most = 1.0 + STATED_SIGMAS * noise.relative_sigma();
+        if stated_m < most * median_m { stated_m } else { 0.0 }
+    });
     for record in records {
-        record.noise_m = record.noise_m.min(ROUGH * median_m);
+        record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m);
     }
 }
 

@@ -30,8 +30,8 @@ const SAME_M: f64 = 2e-11;
 const SHORTEST_S: f64 = 1e-12;
 /// The same two for coarse laws.
 const COARSE_INNER: [f64; 2] = [2e-5, 1e-7];
-/// .. and the product of rate and sub-step.
-const COARSE_SUBSTEP: f64 = 0.3;
+/// .. and the most sub-steps: rows far apart show the plant at rest, not how it got there.
+const COARSE_MOST: f64 = 16.0;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
 /// makes 0.1 nm a second at 0.1 m/s.
 const STRAIGHT: f64 = 1e-9;
@@ -113,8 +113,8 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
     let rate = rate.max(4.0 * widening / plant.mass_kg);
-    let product = if parts.is_coarse { COARSE_SUBSTEP } else { SUBSTEP };
-    (rate * sample_s / product).log2().ceil().exp2().clamp(1.0, MOST) as usize
+    let most = if parts.is_coarse { COARSE_MOST } else { MOST };
+    (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, most) as usize
 }
 
 impl Laws {
