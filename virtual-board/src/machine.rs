@@ -154,6 +154,8 @@ pub struct Machine {
     is_guard_on: bool,
     /// Exception number of the control interrupt.
     control: u16,
+    /// Addresses of the instructions of the control interrupt under way, and of the dearest one so far; where asked for.
+    trace: Option<[Vec<u32>; 2]>,
 }
 
 impl fmt::Debug for Machine {
@@ -216,6 +218,7 @@ impl Machine {
             exception: 0,
             is_guard_on: true,
             control,
+            trace: None,
         }
     }
 
@@ -242,6 +245,16 @@ impl Machine {
     /// Starts the measurement of the cost anew.
     pub fn forget_cost(&mut self) {
         self.cost = Cost::default();
+    }
+
+    /// Starts to keep the course of the dearest control interrupt from now on, or stops it.
+    pub fn trace(&mut self, is_on: bool) {
+        self.trace = is_on.then(Default::default);
+    }
+
+    /// Addresses of the instructions of the dearest control interrupt since [`Machine::trace`], in their order.
+    pub fn dearest(&self) -> &[u32] {
+        self.trace.as_ref().map_or(&[], |[_, dearest]| dearest)
     }
 
     /// A word of memory, as a debugger sees it.
@@ -344,11 +357,12 @@ impl Machine {
         if exception != self.exception {
             self.change_exception(now, exception, before & IT != 0)?;
         }
-        if let Some((_, _, from_flash)) = &mut self.under_way
-            && self.core.pc() >= FLASH
-            && self.core.pc() < CCM
-        {
-            *from_flash += 1;
+        if let Some((_, _, from_flash)) = &mut self.under_way {
+            let pc = self.core.pc();
+            *from_flash += u64::from((FLASH..CCM).contains(&pc));
+            if let Some([course, _]) = &mut self.trace {
+                course.push(pc);
+            }
         }
         Ok(cycles)
     }
@@ -381,6 +395,12 @@ impl Machine {
             && let Some((instructions, cycles, from_flash)) = self.under_way.take()
         {
             self.cost.note(self.instructions - instructions, self.core.cycles() - cycles, from_flash);
+            if let Some([course, dearest]) = &mut self.trace {
+                if course.len() > dearest.len() {
+                    std::mem::swap(course, dearest);
+                }
+                course.clear();
+            }
         }
         self.exception = exception;
         Ok(())
