@@ -141,6 +141,18 @@ impl Cost {
     }
 }
 
+/// Calls of one function, counted.
+#[derive(Clone, Debug, Default)]
+struct Calls {
+    address: u32,
+    /// Where the call under way returns to, and the instructions before it.
+    under_way: Option<(u32, u64)>,
+    instructions: Vec<u64>,
+}
+
+/// FMAC's exception: the interrupt behind the control interrupt, which works between two samples.
+const BETWEEN: u16 = 16 + 101;
+
 /// A core with its chip.
 pub struct Machine {
     core: ArmV7m,
@@ -148,6 +160,10 @@ pub struct Machine {
     shared: Arc<Shared>,
     instructions: u64,
     cost: Cost,
+    between_cost: Cost,
+    /// As `under_way`, of the interrupt behind it.
+    between: Option<(u64, u64, u64)>,
+    calls: Option<Calls>,
     /// Instructions and cycles at the entry of the control interrupt under way, and fetches from flash since.
     under_way: Option<(u64, u64, u64)>,
     exception: u16,
@@ -214,6 +230,9 @@ impl Machine {
             shared,
             instructions: 0,
             cost: Cost::default(),
+            between_cost: Cost::default(),
+            between: None,
+            calls: None,
             under_way: None,
             exception: 0,
             is_guard_on: true,
@@ -242,9 +261,25 @@ impl Machine {
         self.cost
     }
 
-    /// Starts the measurement of the cost anew.
+    /// What the interrupt behind it has cost, which works between two samples.
+    pub fn between_cost(&self) -> Cost {
+        self.between_cost
+    }
+
+    /// Starts the measurement of the costs anew.
     pub fn forget_cost(&mut self) {
         self.cost = Cost::default();
+        self.between_cost = Cost::default();
+    }
+
+    /// Starts to count the instructions of each call of the function at `address`.
+    pub fn count_calls(&mut self, address: u32) {
+        self.calls = Some(Calls { address: address & !1, ..Calls::default() });
+    }
+
+    /// Instructions of each call so far, the return included.
+    pub fn calls(&self) -> &[u64] {
+        self.calls.as_ref().map_or(&[], |calls| &calls.instructions)
     }
 
     /// Starts to keep the course of the dearest control interrupt from now on, or stops it.
@@ -279,9 +314,19 @@ impl Machine {
         self.is_guard_on = false;
     }
 
-    /// Disables the control interrupt, as a program gone astray might: NVIC_ICER.
+    /// Disables the control interrupt, as a program gone astray might.
     pub fn hang(&self) {
-        let irq = u32::from(self.control - 16);
+        self.disable(self.control);
+    }
+
+    /// Disables the interrupt behind it, which works between two samples.
+    pub fn hang_between(&self) {
+        self.disable(BETWEEN);
+    }
+
+    /// NVIC_ICER.
+    fn disable(&self, exception: u16) {
+        let irq = u32::from(exception - 16);
         self.core.with_sys(|system| system.write_word(0xe000_e180 + irq / 32 * 4, 1 << (irq % 32)));
     }
 
@@ -314,6 +359,7 @@ impl Machine {
                     self.core = new_core(&self.space);
                     self.exception = 0;
                     self.under_way = None;
+                    self.between = None;
                 }
                 let is_inside = self.is_guard_on && self.core.xpsr() & IT != 0;
                 let lines = chip.lines();
@@ -329,7 +375,7 @@ impl Machine {
                 } else if self.core.nmi_asserted() {
                     self.core.set_nmi(false);
                 }
-                event = chip.event();
+                event = chip.event().min(limit);
                 if done(&mut chip) {
                     return Ok(true);
                 }
@@ -356,6 +402,20 @@ impl Machine {
         let exception = self.core.current_exception().0;
         if exception != self.exception {
             self.change_exception(now, exception, before & IT != 0)?;
+        }
+        if let Some(calls) = &mut self.calls {
+            let (pc, link) = (self.core.pc(), self.core.reg(14));
+            match calls.under_way {
+                None if pc == calls.address => calls.under_way = Some((link & !1, self.instructions)),
+                Some((back, began)) if pc == back => {
+                    calls.instructions.push(self.instructions - began);
+                    calls.under_way = None;
+                }
+                _ => {}
+            }
+        }
+        if let Some((_, _, from_flash)) = &mut self.between {
+            *from_flash += u64::from((FLASH..CCM).contains(&self.core.pc()));
         }
         if let Some((_, _, from_flash)) = &mut self.under_way {
             let pc = self.core.pc();
@@ -401,6 +461,18 @@ impl Machine {
                 }
                 course.clear();
             }
+        }
+        // Interrupted by the control interrupt it goes on afterwards.
+        if exception == BETWEEN {
+            if self.between.is_none() {
+                self.between = Some((self.instructions, self.core.cycles(), 0));
+            }
+        } else if self.exception == BETWEEN
+            && exception != self.control
+            && let Some((instructions, cycles, from_flash)) = self.between.take()
+        {
+            let (instructions, cycles) = (self.instructions - instructions, self.core.cycles() - cycles);
+            self.between_cost.note(instructions, cycles, from_flash);
         }
         self.exception = exception;
         Ok(())

@@ -159,7 +159,7 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
     assert_eq!((status.mode, status.overruns), (ModeName::Running as u8, 1));
     // A storm: three within 256 samples.
     board.machine.chip().adc[0].late_cycles = 1500;
-    board.run_samples(5).unwrap();
+    board.run_samples(3).unwrap();
     board.machine.chip().adc[0].late_cycles = 0;
     ends_safe(&mut board, FaultCode::Overrun, 0);
     assert!(board.status().unwrap().overruns >= 4);
@@ -245,6 +245,43 @@ fn a_hung_image_is_reset_by_the_watchdog_and_comes_up_disarmed_in_fault() {
     let status = board.status().unwrap();
     assert_eq!((status.reset, status.fault), (ResetCause::Watchdog, FaultCode::WatchdogReset.number()));
     stays_safe(&mut board);
+}
+
+#[test]
+fn a_board_that_samples_but_never_works_between_the_samples_is_reset_too() {
+    let Some(mut board) = running() else { return };
+    board.machine.hang_between();
+    let limit = board.machine.now() + 40_000_000;
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    // The loop itself went on until then: the last sample before the reset still drove.
+    assert!(board.machine.chip().rows.iter().rev().take(10).any(|row| row.dac > MID + 400));
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+    stays_safe(&mut board);
+}
+
+#[test]
+fn a_sample_that_finds_the_loops_state_held_keeps_the_drive_and_is_an_overrun() {
+    let Some(mut board) = running() else { return };
+    let gate = image("nucleo-g474re").unwrap().symbol("hysteron_loop").expect("the loop's memory");
+    // As the work between the samples would leave it if it took a whole period: 1 is "held".
+    let hold = |board: &mut VirtualBoard| {
+        assert!(board.machine.set_word(gate, 1));
+        board.run_samples(1).unwrap();
+    };
+    board.run_samples(10).unwrap();
+    let before = *board.machine.chip().rows.last().expect("samples");
+    hold(&mut board);
+    let held = *board.machine.chip().rows.last().expect("samples");
+    assert_eq!((held.dac, held.hold_cycle - before.hold_cycle), (before.dac, 8500));
+    board.run_samples(300).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.overruns, status.lost_samples), (ModeName::Running as u8, 1, 0));
+    // Three in a row are a fault, like three that are late.
+    for _ in 0..3 {
+        hold(&mut board);
+    }
+    ends_safe(&mut board, FaultCode::Overrun, 1);
 }
 
 #[test]

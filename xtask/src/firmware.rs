@@ -13,7 +13,7 @@ fn folder(toolchain: Toolchain) -> &'static str {
     }
 }
 
-/// The files of `firmware/src/bin`.
+/// The files of `firmware/src/bin` that are boards.
 const BOARDS: [&str; 2] = ["nucleo-g474re", "external-16bit"];
 
 /// Builds every image. The last line is the folder they lie in, for who runs this.
