@@ -168,6 +168,8 @@ pub struct Machine {
     under_way: Option<(u64, u64, u64)>,
     exception: u16,
     is_guard_on: bool,
+    /// A core that has locked up stands still while the chip goes on; else that is an error.
+    goes_on_locked: bool,
     /// Exception number of the control interrupt.
     control: u16,
     /// Addresses of the instructions of the control interrupt under way, and of the dearest one so far; where asked for.
@@ -236,6 +238,7 @@ impl Machine {
             under_way: None,
             exception: 0,
             is_guard_on: true,
+            goes_on_locked: false,
             control,
             trace: None,
         }
@@ -302,7 +305,7 @@ impl Machine {
         self.space.write(u64::from(address), Width::U32, u64::from(word), MemAttrs::DEBUG).is_ok()
     }
 
-    /// Bytes of stack ever used, and bytes there are between the image's data and the end of memory.
+    /// Bytes of stack ever used, and bytes there are.
     pub fn stack_bytes(&self, image: &Image) -> Option<(u32, u32)> {
         let (low, high) = (image.symbol("_stack_end")?, image.symbol("_stack_start")?);
         let lowest = (low..high).step_by(4).find(|address| self.word(*address) != Some(UNUSED)).unwrap_or(high);
@@ -312,6 +315,20 @@ impl Machine {
     /// Takes the guard away, for the test that shows what it is for.
     pub fn drop_guard(&mut self) {
         self.is_guard_on = false;
+    }
+
+    /// Moves the stack pointer to `address` as soon as the core sleeps, as if all above were in use. A core that locks up because of it
+    /// stands still from then on, and the chip goes on.
+    ///
+    /// # Errors
+    /// [`MachineError`].
+    pub fn use_up_stack(&mut self, address: u32) -> Result<(), MachineError> {
+        while !self.core.is_asleep() {
+            self.run(self.now() + 20, |_| false)?;
+        }
+        self.core.set_reg(13, address);
+        self.goes_on_locked = true;
+        Ok(())
     }
 
     /// Disables the control interrupt, as a program gone astray might.
@@ -360,6 +377,7 @@ impl Machine {
                     self.exception = 0;
                     self.under_way = None;
                     self.between = None;
+                    self.goes_on_locked = false;
                 }
                 let is_inside = self.is_guard_on && self.core.xpsr() & IT != 0;
                 let lines = chip.lines();
@@ -396,6 +414,9 @@ impl Machine {
 
     /// One instruction, exception entry or sleeping cycle.
     fn step(&mut self, now: u64) -> Result<u64, MachineError> {
+        if self.goes_on_locked && self.core.is_locked_up() {
+            return Ok(1);
+        }
         let before = self.core.xpsr();
         let cycles = self.core.step();
         self.instructions += 1;
@@ -433,10 +454,13 @@ impl Machine {
             return Err(MachineError::ItBlock { cycle: now, pc });
         }
         if self.core.is_locked_up() {
+            if self.goes_on_locked {
+                return Ok(());
+            }
             return Err(MachineError::LockedUp { cycle: now, pc });
         }
         // 3 is HardFault: the image has a handler, but on the virtual board it always means an access to nowhere or a fault of ours.
-        if exception == 3 {
+        if exception == 3 && !self.goes_on_locked {
             // The instruction that was interrupted: the seventh word that was stacked.
             let pc = self.word(self.core.msp() + 24).unwrap_or(pc);
             let (count, address) = self.core.bus_faults();

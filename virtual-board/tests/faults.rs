@@ -285,7 +285,29 @@ fn a_sample_that_finds_the_loops_state_held_keeps_the_drive_and_is_an_overrun() 
 }
 
 #[test]
-fn a_crystal_that_stops_or_never_starts_is_a_clock_fault() {
+fn a_stack_that_overflows_meets_nothing_and_ends_in_the_watchdog() {
+    let Some(mut board) = running() else { return };
+    let image = image("nucleo-g474re").unwrap();
+    // The stack lies below all data, at the start of memory: under it is no memory at all.
+    let (end, start) = (image.symbol("_stack_end").unwrap(), image.symbol("_stack_start").unwrap());
+    assert_eq!((end, board.machine.word(end - 4)), (0x2000_0000, None));
+    assert!(image.symbol("__sdata").unwrap() >= start && image.symbol("__sbss").unwrap() >= start);
+    // Room for half of what an interrupt stacks.
+    board.machine.use_up_stack(end + 16).unwrap();
+    let limit = board.machine.now() + 40_000_000;
+    let before = board.machine.now();
+    board.machine.run(before + 340_000, |_| false).unwrap();
+    // After 2 ms: ENABLE stands still, the amplifier is off.
+    assert!(!board.machine.chip().bench.is_amplifier_on());
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    assert!(board.machine.now() - before < 17_100_000);
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+    stays_safe(&mut board);
+}
+
+#[test]
+fn a_crystal_that_stops_is_a_clock_fault() {
     let Some(mut board) = running() else { return };
     board.machine.chip().stop_crystal();
     board.run_cycles(400_000).unwrap();
@@ -293,6 +315,27 @@ fn a_crystal_that_stops_or_never_starts_is_a_clock_fault() {
     let status = board.status().unwrap();
     assert_eq!((status.reset, status.fault), (ResetCause::Software, FaultCode::Clock.number()));
     stays_safe(&mut board);
+}
+
+#[test]
+fn a_crystal_that_never_starts_leaves_the_board_in_fault_on_its_inner_clock() {
+    let Some(image) = image("nucleo-g474re") else { return };
+    let mut board = VirtualBoard::new(&image, &bench(), 1700);
+    // Before the first instruction: HSERDY is never set, and the ready flag has no time limit of its own.
+    board.machine.chip().stop_crystal();
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    let expected = (ResetCause::PowerOn, ModeName::Fault as u8, FaultCode::Clock.number());
+    assert_eq!((status.reset, status.mode, status.fault), expected);
+    stays_safe(&mut board);
+    // 1 s, ten times the watchdog: it is fed, the board answers, the fault stands and ENABLE never moved.
+    for _ in 0..10 {
+        board.run_samples(2000).unwrap();
+        assert_eq!(board.status().unwrap().fault, FaultCode::Clock.number());
+    }
+    let chip = board.machine.chip();
+    assert!(chip.resets.is_empty() && !chip.gpio[1].level(5));
+    assert!(chip.rows.iter().all(|row| row.dac == MID && !row.is_enabled));
 }
 
 #[test]
