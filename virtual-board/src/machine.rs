@@ -317,6 +317,17 @@ impl Machine {
         self.is_guard_on = false;
     }
 
+    /// Stops the core for `cycles` while the chip goes on, as a debugger does that halts it.
+    pub fn stall(&self, cycles: u64) {
+        let until = self.now() + cycles;
+        let mut chip = self.shared.chip();
+        while chip.event() <= until {
+            chip.now = chip.event();
+            chip.advance(&Ram(&self.space));
+        }
+        self.shared.now.store(until, Relaxed);
+    }
+
     /// Moves the stack pointer to `address` as soon as the core sleeps, as if all above were in use. A core that locks up because of it
     /// stands still from then on, and the chip goes on.
     ///

@@ -166,6 +166,24 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
 }
 
 #[test]
+fn samples_that_were_overwritten_unread_are_a_fault() {
+    let Some(mut board) = running() else { return };
+    // Two and a half periods: the ADC goes on, nobody reads it.
+    board.machine.stall(21_250);
+    ends_safe(&mut board, FaultCode::AdcLate, 3);
+    let status = board.status().unwrap();
+    assert!(status.lost_samples >= 1 && status.overruns >= 1, "{status:?}");
+}
+
+#[test]
+fn a_reference_that_is_no_number_is_a_fault_in_its_sample() {
+    let Some(mut board) = running() else { return };
+    // Nothing between the line and the law looks at it: the law does.
+    board.order(&ToBoard::Reference { reference_m: f32::NAN }).unwrap();
+    ends_safe(&mut board, FaultCode::NotANumber, 1);
+}
+
+#[test]
 fn an_emergency_stop_is_seen_in_the_next_sample() {
     let Some(mut board) = running() else { return };
     board.machine.chip().set_stop_chain(false);
@@ -348,24 +366,29 @@ fn parameters_survive_a_reset_and_a_power_cut_at_any_word_leaves_a_whole_set() {
     assert_eq!(board.machine.chip().flash.works, 17);
     let other = Parameters { kp_v_per_m: 3e5, ..saved };
     let mut kept = saved;
-    for cut_after in 0..=17 {
-        // Before, during and after each of them: cut as soon as the work of that number has begun.
+    // Before the first of them, then in the middle of each and between each and the next; the last cut comes after all.
+    let moments = std::iter::once(None).chain((0..17).flat_map(|work| [Some((work, true)), Some((work, false))]));
+    for moment in moments {
         board.order(&ToBoard::SetParameters(other)).unwrap();
         let before = board.machine.chip().flash.works;
         board.send(&ToBoard::SaveParameters).unwrap();
         let limit = board.machine.now() + 20_000_000;
-        if cut_after < 17 {
-            assert!(board.machine.run(limit, |chip| chip.flash.works > before + cut_after).unwrap());
-        } else {
-            board.run_cycles(8_000_000).unwrap();
+        let is_reached = board.machine.run(limit, |chip| match moment {
+            None => chip.usart.from_host.is_empty(),
+            Some((work, is_during)) => chip.flash.works > before + work && (is_during || !chip.flash.is_busy()),
+        });
+        assert!(is_reached.unwrap(), "cut {moment:?}");
+        assert_eq!(board.machine.chip().flash.works, before + moment.map_or(0, |(work, _)| work + 1), "cut {moment:?}");
+        // With the last word in place the new set is whole.
+        if moment == Some((16, false)) {
             kept = other;
         }
         board.machine.chip().request_reset(Reset::Pin);
         board.run_cycles(1000).unwrap();
         board.greet().unwrap();
-        assert_eq!(board.status().unwrap().fault, 0, "cut {cut_after}");
+        assert_eq!(board.status().unwrap().fault, 0, "cut {moment:?}");
         let Heard::Parameters(found) = board.ask(&ToBoard::GetParameters).unwrap() else { panic!("no parameters") };
-        assert_eq!(*found, kept, "cut {cut_after}");
+        assert_eq!(*found, kept, "cut {moment:?}");
     }
 }
 
