@@ -172,8 +172,6 @@ pub struct Machine {
     goes_on_locked: bool,
     /// Exception number of the control interrupt.
     control: u16,
-    /// Addresses of the instructions of the control interrupt under way, and of the dearest one so far; where asked for.
-    trace: Option<[Vec<u32>; 2]>,
 }
 
 impl fmt::Debug for Machine {
@@ -240,7 +238,6 @@ impl Machine {
             is_guard_on: true,
             goes_on_locked: false,
             control,
-            trace: None,
         }
     }
 
@@ -283,16 +280,6 @@ impl Machine {
     /// Instructions of each call so far, the return included.
     pub fn calls(&self) -> &[u64] {
         self.calls.as_ref().map_or(&[], |calls| &calls.instructions)
-    }
-
-    /// Starts to keep the course of the dearest control interrupt from now on, or stops it.
-    pub fn trace(&mut self, is_on: bool) {
-        self.trace = is_on.then(Default::default);
-    }
-
-    /// Addresses of the instructions of the dearest control interrupt since [`Machine::trace`], in their order.
-    pub fn dearest(&self) -> &[u32] {
-        self.trace.as_ref().map_or(&[], |[_, dearest]| dearest)
     }
 
     /// A word of memory, as a debugger sees it.
@@ -450,11 +437,7 @@ impl Machine {
             *from_flash += u64::from((FLASH..CCM).contains(&self.core.pc()));
         }
         if let Some((_, _, from_flash)) = &mut self.under_way {
-            let pc = self.core.pc();
-            *from_flash += u64::from((FLASH..CCM).contains(&pc));
-            if let Some([course, _]) = &mut self.trace {
-                course.push(pc);
-            }
+            *from_flash += u64::from((FLASH..CCM).contains(&self.core.pc()));
         }
         Ok(cycles)
     }
@@ -490,12 +473,6 @@ impl Machine {
             && let Some((instructions, cycles, from_flash)) = self.under_way.take()
         {
             self.cost.note(self.instructions - instructions, self.core.cycles() - cycles, from_flash);
-            if let Some([course, dearest]) = &mut self.trace {
-                if course.len() > dearest.len() {
-                    std::mem::swap(course, dearest);
-                }
-                course.clear();
-            }
         }
         // Interrupted by the control interrupt it goes on afterwards.
         if exception == BETWEEN {
