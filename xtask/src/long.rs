@@ -56,7 +56,7 @@ fn tests(project: &Project) -> Result<Outcome> {
     run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]))
 }
 
-/// 500 s of the time of a board that streams at full rate; about 25 minutes on one core.
+/// 500 s of the time of a board that streams at full rate; 28 minutes on a busy machine, 2026-11-21.
 fn board(project: &Project) -> Result<Outcome> {
     let mut command = project.cargo();
     command.env("HYSTERON_BOARD_SAMPLES", "10000000");
