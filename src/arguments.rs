@@ -5,6 +5,7 @@ use gap_diagnosis::identify::Hysterons;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// Simulate and identify piezo actuators with hysteresis, so that the simulation matches the bench.
@@ -51,6 +52,8 @@ pub enum Command {
 pub enum BoardCommand {
     /// Run the image in a loop with the simulated plant: writes a log and a report
     Run(BoardRunCall),
+    /// Open the image's line to a host, over TCP or as a serial port
+    Serve(BoardServeCall),
 }
 
 impl Command {
@@ -61,6 +64,7 @@ impl Command {
             Command::Replay(call) => Some((Some(&call.show), &call.out)),
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
+            Command::Board(BoardCommand::Serve(_)) => None,
             // A diagnosis and a blind check write into a directory.
             Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
         }
@@ -79,6 +83,7 @@ impl Command {
                 let own = [&call.image, &call.plant].into_iter().chain(&call.controller);
                 own.chain(files).map(PathBuf::as_path).collect()
             }
+            Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
             Command::Diagnose(call) => {
@@ -316,6 +321,45 @@ pub struct BoardRunCall {
     /// Print the report as JSON on standard output
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron board serve nucleo-g474re --plant models/thesis-phs.toml
+  hysteron board serve nucleo-g474re --plant models/thesis-phs.toml --pty
+The first line printed says where a host finds the board. It sees what it would
+see on the board's serial line, at the board's own baud rate. One host at a
+time; one that goes leaves the board as it is. Ends by itself after --seconds
+of the board's time, else when it is stopped.")]
+pub struct BoardServeCall {
+    /// The flash image, an ELF file that `cargo xtask firmware` built
+    #[arg(value_name = "IMAGE.elf")]
+    pub image: PathBuf,
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Where to listen; port 0 takes a free one. Whoever reaches it can drive the board
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0", conflicts_with = "pty")]
+    pub listen: SocketAddr,
+    /// A pseudo-terminal instead, which a host opens like a serial port
+    #[arg(long)]
+    pub pty: bool,
+    /// How time passes: real (as the clock's, or slower), or lockstep (only while a request is answered, so that the same requests give
+    /// the same bytes)
+    #[arg(long, default_value = "real", value_parser = ["real", "lockstep"])]
+    pub pace: String,
+    /// Samples per second that the host will set; must divide 170 MHz
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// Stop after so much of the board's time
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    pub seconds: Option<f64>,
+    /// Corner of the filter between sensor and pin; none where not given
+    #[arg(long = "anti-alias-hz", value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
+    pub anti_alias: Option<f64>,
+    /// Seed of the sensor's noise and of lost commands
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
 }
 
 #[derive(Args)]

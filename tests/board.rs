@@ -111,3 +111,45 @@ fn wrong_calls_say_what_is_wrong() {
         assert!(said.contains(words) && said.lines().count() == 1, "{line}: {said}");
     }
 }
+
+#[test]
+fn a_host_on_tcp_greets_the_served_image_and_reads_its_parameters() {
+    use std::io::{BufRead, BufReader, Read, Write};
+    let Some(image) = image() else { return };
+    let arguments = ["board", "serve", &image, "--plant", PLANT, "--pace", "lockstep", "--seconds", "0.1"];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+        .args(arguments)
+        .current_dir(root())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut first = String::new();
+    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut first).unwrap();
+    let address = first.strip_prefix("serving at ").expect("an address").trim();
+    assert!(address.starts_with("127.0.0.1:"), "{address}");
+    let mut line = std::net::TcpStream::connect(address).unwrap();
+    let (mut sender, mut receiver) = (wire::Sender::default(), wire::Receiver::new());
+    let mut ask = |request: &wire::ToBoard<'_>| -> Option<wire::Parameters> {
+        let mut frame = [0; wire::MAX_ENCODED_BYTES];
+        let n = sender.encode(request, &mut frame).unwrap();
+        line.write_all(&frame[..n]).ok()?;
+        loop {
+            let mut byte = [0];
+            line.read_exact(&mut byte).ok()?;
+            match receiver.push(byte[0]).map(|frame| frame.unwrap().message::<wire::ToHost<'_>>().unwrap()) {
+                Some(wire::ToHost::Parameters(parameters)) => return Some(parameters),
+                Some(wire::ToHost::Identity(identity)) => {
+                    assert_eq!((identity.board, identity.version), ("nucleo-g474re", wire::VERSION));
+                    return Some(wire::Parameters::NUCLEO_PI1);
+                }
+                Some(other) => panic!("{other:?}"),
+                None => {}
+            }
+        }
+    };
+    assert!(ask(&wire::ToBoard::Hello).is_some());
+    assert_eq!(ask(&wire::ToBoard::GetParameters), Some(wire::Parameters::NUCLEO_PI1));
+    // Each answer takes some of the 0.1 s that it is to run for: then it goes, with exit code 0.
+    while ask(&wire::ToBoard::GetParameters).is_some() {}
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}

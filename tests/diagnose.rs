@@ -158,7 +158,7 @@ fn a_drive_monitor_tells_the_amplifier_from_what_follows() {
     assert!(without["classes"].as_array().is_some_and(|classes| !classes.is_empty()), "{}", without["ranking"]);
     for log in case.logs.iter().chain(&case.held_out).filter(|log| log.reference_um.is_none()) {
         let record = blind_truth::run_monitored(&case.bench, &log.command_v, log.rate_hz, 1);
-        folder.write(&format!("{}.csv", log.name), &record.to_csv());
+        folder.write(&format!("{}.csv", log.name), record.to_csv());
     }
     let line = "diagnose --plant @/nominal.toml @/log1-steps.csv @/log2-sines.csv --held-out @/held-out-1-mixed.csv --out @/out";
     succeeded(&run(&folder, line));

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("time_ms reference_um displacement_um drive_V limited_by");
     for k in 0..200 {
         let output =
-            controller.tick(&Input { command: Command::GeneratedReference(&generator), measured_m: displacement_m });
+            controller.tick(&Input { command: Command::GeneratedReference(generator), measured_m: displacement_m });
         if k % 5 == 0 {
             let (reference_um, displacement_um) = (output.reference_m * 1e6, displacement_m * 1e6);
             let time_ms = k as f32 * 0.05;

@@ -147,6 +147,12 @@ impl Calibration {
         code <= margin || code >= self.adc_last_code - margin
     }
 
+    /// The lowest code that [`Calibration::is_at_rail`] denies, and how many there are from it on.
+    pub fn open_codes(&self, margin: u16) -> (u16, u16) {
+        let count = self.adc_last_code - 1 - 2 * i32::from(margin);
+        (margin.saturating_add(1), count.max(0) as u16)
+    }
+
     /// The code for a drive in volts at the actuator, saturating at the usable span; NaN gives mid-code, the safe level.
     #[inline]
     pub fn dac_code(&self, drive_v: f32) -> DacCode {
@@ -295,6 +301,13 @@ mod tests {
             [(0, true), (8, true), (9, false), (2048, false), (4086, false), (4087, true), (4095, true)]
         {
             assert_eq!(nucleo.is_at_rail(AdcCode(code), 8), at_rail, "{code}");
+        }
+        for margin in [0, 1, 8, 2046, 2047, 2048, u16::MAX] {
+            let (first, count) = nucleo.open_codes(margin);
+            for code in 0..4096 {
+                let is_open = code >= first && code - first < count;
+                assert_eq!(is_open, !nucleo.is_at_rail(AdcCode(code), margin), "{code}, {margin}");
+            }
         }
     }
 

@@ -329,11 +329,14 @@ pub struct Generator<'a> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GeneratorState {
     segment_idx: u32,
-    /// Samples already played of that segment.
-    sample_idx: u32,
+    /// Samples still to be played of that segment; 0 says that the next one is to be entered first.
+    left: u32,
     table_idx: u32,
     phase: u64,
     increment: u64,
+    has_begun: bool,
+    /// Past the end of the last segment.
+    is_over: bool,
 }
 
 impl<'a> Generator<'a> {
@@ -345,37 +348,39 @@ impl<'a> Generator<'a> {
     /// The next sample.
     #[inline]
     pub fn next(&self, state: &mut GeneratorState) -> f32 {
-        let Some(mut segment) = self.segments.get(state.segment_idx as usize) else {
-            return 0.0;
-        };
-        let mut ended = state.sample_idx >= segment.samples;
-        if ended && let Some(following) = self.segments.get(state.segment_idx as usize + 1) {
-            segment = following;
-            ended = false;
-            state.segment_idx += 1;
-            state.sample_idx = 0;
+        if state.left == 0 {
+            self.enter_next(state);
         }
-        if state.sample_idx == 0 {
+        match self.segments.get(state.segment_idx as usize) {
+            Some(segment) if state.left > 0 => {
+                let value = segment.wave.sample(state, segment.samples);
+                state.left -= 1;
+                value
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Enters the next segment, or goes on with the last one where that goes on.
+    fn enter_next(&self, state: &mut GeneratorState) {
+        let next_idx = if state.has_begun { state.segment_idx + 1 } else { 0 };
+        if let Some(segment) = self.segments.get(next_idx as usize) {
+            state.has_begun = true;
+            state.segment_idx = next_idx;
+            state.left = segment.samples;
             segment.wave.enter(state);
+        } else {
+            state.is_over = true;
+            if self.segments.last().is_some_and(|last| last.wave.goes_on()) {
+                state.left = u32::MAX;
+            }
         }
-        if ended && !segment.wave.goes_on() {
-            return 0.0;
-        }
-        let value = segment.wave.sample(state);
-        if !ended {
-            state.sample_idx += 1;
-        }
-        value
     }
 
     /// Whether all segments have been played to their end.
     pub fn is_finished(&self, state: &GeneratorState) -> bool {
-        match self.segments.get(state.segment_idx as usize) {
-            None => true,
-            Some(segment) => {
-                state.sample_idx >= segment.samples && state.segment_idx as usize + 1 >= self.segments.len()
-            }
-        }
+        let is_last = state.segment_idx as usize + 1 >= self.segments.len();
+        self.segments.is_empty() || state.is_over || (state.has_begun && state.left == 0 && is_last)
     }
 
     /// Samples of all segments together.
@@ -413,9 +418,11 @@ impl Wave<'_> {
         };
     }
 
-    /// The value at the state, which then moves on to the next sample.
+    /// The value at the state, which then moves on to the next sample of `samples`.
     #[inline]
-    fn sample(&self, state: &mut GeneratorState) -> f32 {
+    fn sample(&self, state: &mut GeneratorState, samples: u32) -> f32 {
+        // Not for what goes on past its end, where `left` means nothing.
+        let sample_idx = |state: &GeneratorState| samples.wrapping_sub(state.left);
         let phase = (state.phase >> 32) as u32;
         state.phase = state.phase.wrapping_add(state.increment);
         match *self {
@@ -430,7 +437,7 @@ impl Wave<'_> {
             Wave::Sine { amplitude, .. } => amplitude * sine_of_phase(phase),
             Wave::Triangle { amplitude, .. } => amplitude * triangle_of_phase(phase),
             Wave::DecayingSine { amplitude, per_sample, .. } => {
-                let envelope = 1.0 - state.sample_idx as f32 * per_sample;
+                let envelope = 1.0 - sample_idx(state) as f32 * per_sample;
                 amplitude * envelope * sine_of_phase(phase)
             }
             Wave::LinearSweep { amplitude, slope, .. } => {
@@ -444,7 +451,7 @@ impl Wave<'_> {
                 amplitude * sine_of_phase(phase)
             }
             Wave::Ladder { amplitude, levels, hold } => {
-                let stair = state.sample_idx / hold;
+                let stair = sample_idx(state) / hold;
                 let level = if stair < levels { stair + 1 } else { (2 * levels - 1).saturating_sub(stair) };
                 amplitude * (level as f32 / levels as f32)
             }

@@ -42,10 +42,12 @@ impl GuardState {
         self.measured_m
     }
 
-    /// Latches a verdict from outside.
-    pub(crate) fn latch(&mut self, why: Limits) {
+    /// Latches a verdict from outside; all that are latched now.
+    #[cold]
+    pub(crate) fn latch(&mut self, why: Limits) -> Limits {
         self.latched |= why;
         self.measured_m = f32::NAN;
+        self.latched
     }
 }
 
@@ -77,8 +79,7 @@ impl Guard {
             return state.latched;
         }
         if !measured_m.is_finite() {
-            state.latch(Limits::NOT_A_NUMBER);
-            return state.latched;
+            return state.latch(Limits::NOT_A_NUMBER);
         }
         let moved_m = if state.measured_m.is_nan() { 0.0 } else { measured_m - state.measured_m };
         let reach_m = measured_m.abs() + moved_m.abs() * self.stop_samples;

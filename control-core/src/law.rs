@@ -42,6 +42,11 @@ pub struct Output {
 }
 
 impl LawState {
+    /// At rest, with a guard that has watched before.
+    pub(crate) fn watched(guard: GuardState) -> LawState {
+        LawState { guard, ..LawState::default() }
+    }
+
     /// The last drive.
     pub fn drive_v(&self) -> f32 {
         self.pi.drive_v()
@@ -90,39 +95,62 @@ impl Law {
     /// same sample: the drive goes to 0 V within the slew limit, and stays there until the state is replaced.
     #[inline]
     pub fn step(&self, state: &mut LawState, reference_m: f32, measured_m: f32) -> Output {
-        if !self.guard.watch(&mut state.guard, measured_m).is_empty() {
-            return self.safe(state);
+        match self.try_step(state, reference_m, measured_m) {
+            Ok(output) => output,
+            Err(_) => self.safe(state),
+        }
+    }
+
+    /// One sample of the closed loop, or why there is none: then the drive still stands where it stood.
+    #[inline(always)]
+    pub(crate) fn try_step(&self, state: &mut LawState, reference_m: f32, measured_m: f32) -> Result<Output, Limits> {
+        let latched = self.guard.watch(&mut state.guard, measured_m);
+        if !latched.is_empty() {
+            return Err(latched);
         }
         // Inside the clamp it is a number, so the common path needs no comparison of its own for that.
-        let (reference_m, shaped) = if self.shaper.holds(reference_m) {
-            self.shaper.follow(&mut state.shaper, reference_m, Limits::NONE)
+        let (target_m, clamped) = if self.shaper.holds(reference_m) {
+            (reference_m, Limits::NONE)
         } else if is_number(reference_m) {
-            self.shaper.follow_clamped(&mut state.shaper, reference_m)
+            (self.shaper.clamped(reference_m), Limits::REFERENCE_CLAMP)
         } else {
-            state.guard.latch(Limits::NOT_A_NUMBER);
-            return self.safe(state);
+            return Err(state.guard.latch(Limits::NOT_A_NUMBER));
         };
+        let (reference_m, shaped) = self.shaper.follow(&mut state.shaper, target_m, clamped);
         let (drive_v, limited) = self.pi.step(&mut state.pi, reference_m, measured_m);
         if limited.is_safe_state() {
-            state.guard.latch(limited);
-            return self.safe(state);
+            return Err(state.guard.latch(limited));
         }
-        Output { drive_v, reference_m, limited_by: shaped | limited }
+        Ok(Output { drive_v, reference_m, limited_by: shaped | limited })
     }
 
     /// One sample of an open-loop experiment: the commanded drive within the same volt and slew limits, watched by the
     /// same trip. The output's reference is that of the last closed-loop sample.
     #[inline]
     pub fn step_open(&self, state: &mut LawState, command_v: f32, measured_m: f32) -> Output {
-        if !self.guard.watch(&mut state.guard, measured_m).is_empty() {
-            return self.safe(state);
+        match self.try_step_open(state, command_v, measured_m) {
+            Ok(output) => output,
+            Err(_) => self.safe(state),
+        }
+    }
+
+    /// As [`Law::try_step`], for an open-loop experiment.
+    #[inline(always)]
+    pub(crate) fn try_step_open(
+        &self,
+        state: &mut LawState,
+        command_v: f32,
+        measured_m: f32,
+    ) -> Result<Output, Limits> {
+        let latched = self.guard.watch(&mut state.guard, measured_m);
+        if !latched.is_empty() {
+            return Err(latched);
         }
         if !is_number(command_v) {
-            state.guard.latch(Limits::NOT_A_NUMBER);
-            return self.safe(state);
+            return Err(state.guard.latch(Limits::NOT_A_NUMBER));
         }
         let (drive_v, limited_by) = self.pi.step_open(&mut state.pi, command_v);
-        Output { drive_v, reference_m: state.shaper.reference(), limited_by }
+        Ok(Output { drive_v, reference_m: state.shaper.reference(), limited_by })
     }
 
     /// Prepares `state`, left behind by `old`, for this law: the drive continues without a bump at the last reference

@@ -42,7 +42,7 @@
 //! let mut displacement_m = 0.0_f32;
 //! for _ in 0..800 {
 //!     let output = controller.tick(&Input {
-//!         command: Command::GeneratedReference(&generator),
+//!         command: Command::GeneratedReference(generator),
 //!         measured_m: displacement_m,
 //!     });
 //!     displacement_m += (1.88e-6 * output.drive_v - displacement_m) * 0.25;

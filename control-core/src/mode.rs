@@ -29,7 +29,9 @@ use crate::ramp::Ramp;
 use core::fmt;
 
 /// What the board is doing, with the data that only this mode has.
+// `u8`, so that the mode is a byte of its own and not hidden in another field's unused values, which cost instructions to tell apart.
 #[derive(Clone, Copy, Debug)]
+#[repr(u8)]
 pub enum Mode {
     /// 0 V, the sensor is not looked at. Entered at start, from `Armed` by stop, from `Stopping` when its ramp is done, from
     /// `Fault` by clear_fault. Left by arm.
@@ -45,6 +47,8 @@ pub enum Mode {
         law: LawState,
         /// Where the reference generator stands.
         generator: GeneratorState,
+        /// Its sample for the next tick, where that was made ahead of it ([`Controller::prepare`]).
+        ahead: Option<f32>,
     },
     /// On the way to 0 V because of stop. Left to `Idle` when there, or to `Fault` (which continues the ramp).
     Stopping {
@@ -140,9 +144,9 @@ pub enum Command<'a> {
         drive_v: f32,
     },
     /// Closed loop, to the generator's next sample in metres.
-    GeneratedReference(&'a Generator<'a>),
+    GeneratedReference(Generator<'a>),
     /// Open loop, the generator's next sample in volts.
-    GeneratedDrive(&'a Generator<'a>),
+    GeneratedDrive(Generator<'a>),
 }
 
 /// What comes in with one sample.
@@ -225,15 +229,17 @@ impl Controller {
         }
     }
 
-    /// Second of the two actions: the loop runs from the next tick on, from rest and with the generator at its beginning.
+    /// Second of the two actions: the loop runs from the next tick on, from rest, with the generator at its
+    /// beginning and under the guard that has watched since arm.
     ///
     /// # Errors
     ///
     /// [`Refused`] unless armed.
     pub fn run(&mut self) -> Result<(), Refused> {
         match self.mode {
-            Mode::Armed { .. } => {
-                self.mode = Mode::Running { law: LawState::default(), generator: GeneratorState::default() };
+            Mode::Armed { guard } => {
+                let (law, generator) = (LawState::watched(guard), GeneratorState::default());
+                self.mode = Mode::Running { law, generator, ahead: None };
                 Ok(())
             }
             _ => self.refuse(Action::Run),
@@ -294,6 +300,8 @@ impl Controller {
     }
 
     /// One sample. Can't fail; same deadline as [`Law::step`].
+    // Always, because a board's interrupt is its one caller that counts instructions: a call would carry input and output over memory.
+    #[inline(always)]
     pub fn tick(&mut self, input: &Input<'_>) -> Output {
         match &mut self.mode {
             Mode::Idle => at_rest(Limits::NONE),
@@ -304,28 +312,28 @@ impl Controller {
                 }
                 at_rest(latched)
             }
-            Mode::Running { law, generator } => {
-                let last_v = law.drive_v();
-                let (is_closed, wish) = match input.command {
-                    Command::Reference { reference_m } => (true, reference_m),
-                    Command::Drive { drive_v } => (false, drive_v),
-                    Command::GeneratedReference(source) => (true, source.next(generator)),
-                    Command::GeneratedDrive(source) => (false, source.next(generator)),
+            Mode::Running { law, generator, ahead } => {
+                let is_closed = matches!(input.command, Command::Reference { .. } | Command::GeneratedReference(_));
+                let wish = match input.command {
+                    Command::Reference { reference_m: wish } | Command::Drive { drive_v: wish } => wish,
+                    Command::GeneratedReference(source) | Command::GeneratedDrive(source) => match ahead.take() {
+                        Some(wish) => wish,
+                        None => source.next(generator),
+                    },
                 };
-                let output = if is_closed {
-                    self.law.step(law, wish, input.measured_m)
+                let result = if is_closed {
+                    self.law.try_step(law, wish, input.measured_m)
                 } else {
-                    self.law.step_open(law, wish, input.measured_m)
+                    self.law.try_step_open(law, wish, input.measured_m)
                 };
-                if !output.limited_by.is_safe_state() {
-                    return output;
+                match result {
+                    Ok(output) => output,
+                    Err(latched) => {
+                        let reference_m = law.reference_m();
+                        let (drive_v, limited_by) = self.give_up(latched);
+                        Output { drive_v, reference_m, limited_by }
+                    }
                 }
-                // The law's own way to 0 V is not smooth; the ramp starts from the drive before it, in this same sample.
-                let mut ramp = Ramp::to_zero(last_v, self.law.slew_v());
-                let drive_v = ramp.step();
-                let code = FaultCode::of_safe_state(output.limited_by);
-                self.mode = Mode::Fault { code, ramp };
-                Output { drive_v, reference_m: output.reference_m, limited_by: code.limits() | Limits::RAMP }
             }
             Mode::Stopping { ramp } => {
                 let output = descending(ramp, Limits::NONE);
@@ -335,6 +343,28 @@ impl Controller {
                 output
             }
             Mode::Fault { code, ramp } => descending(ramp, code.limits()),
+        }
+    }
+
+    /// The law has given up in this sample. Its own way to 0 V is not smooth; the ramp starts from the drive before, in this same sample.
+    #[cold]
+    #[inline(never)]
+    fn give_up(&mut self, latched: Limits) -> (f32, Limits) {
+        self.trip(FaultCode::of_safe_state(latched));
+        match &mut self.mode {
+            Mode::Fault { code, ramp } => (ramp.step(), code.limits() | Limits::RAMP),
+            _ => (0.0, latched),
+        }
+    }
+
+    /// Makes the sample of a generator that the next tick with this `command` will want: nothing in it depends on the measurement. A board
+    /// calls this between two samples, so that the tick is the shorter. Changes no result.
+    pub fn prepare(&mut self, command: &Command<'_>) {
+        if let Mode::Running { generator, ahead, .. } = &mut self.mode
+            && ahead.is_none()
+            && let Command::GeneratedReference(source) | Command::GeneratedDrive(source) = command
+        {
+            *ahead = Some(source.next(generator));
         }
     }
 
@@ -518,10 +548,31 @@ mod tests {
     }
 
     #[test]
+    fn preparing_changes_no_result() {
+        let segments = [Segment::hold(1.0, 1).expect("sound"), Segment::ladder(5.0, 2, 2).expect("sound")];
+        let generator = Generator::new(&segments);
+        let input = Input { command: Command::GeneratedDrive(generator), measured_m: 0.0 };
+        let play = |is_prepared: bool| {
+            let mut controller = Controller::new(law());
+            controller.arm().expect("idle");
+            controller.run().expect("armed");
+            [(); 12].map(|()| {
+                if is_prepared {
+                    controller.prepare(&input.command);
+                    controller.prepare(&input.command);
+                }
+                controller.tick(&input).drive_v
+            })
+        };
+        assert_eq!(play(true), play(false));
+        assert_eq!(play(true)[..6], [1.0, 2.5, 2.5, 5.0, 5.0, 2.5]);
+    }
+
+    #[test]
     fn a_generator_advances_only_while_running() {
         let segments = [Segment::hold(1.0, 1).expect("sound"), Segment::hold(5.0, 1).expect("sound")];
         let generator = Generator::new(&segments);
-        let input = Input { command: Command::GeneratedDrive(&generator), measured_m: 0.0 };
+        let input = Input { command: Command::GeneratedDrive(generator), measured_m: 0.0 };
         let mut controller = Controller::new(law());
         assert_eq!(controller.tick(&input).drive_v, 0.0);
         controller.arm().expect("idle");
@@ -529,7 +580,7 @@ mod tests {
         controller.run().expect("armed");
         assert_eq!(controller.tick(&input).drive_v, 1.0);
         assert_eq!(controller.tick(&input).drive_v, 5.0);
-        let closed = Input { command: Command::GeneratedReference(&generator), measured_m: 0.0 };
+        let closed = Input { command: Command::GeneratedReference(generator), measured_m: 0.0 };
         // 5 m is clamped to 100 um; the drive moves by its slew, 10 V.
         let output = controller.tick(&closed);
         assert_eq!(output.reference_m, 100e-6);

@@ -102,15 +102,6 @@ impl ShaperState {
         self.followed_velocity *= ratio;
         self.pursuit.velocity *= ratio;
     }
-
-    /// Velocity, remainder and lag, whether the target is followed or pursued.
-    fn pursuit(&self) -> Pursuit {
-        if self.followed_velocity.is_nan() {
-            self.pursuit
-        } else {
-            Pursuit { velocity: self.followed_velocity, remainder: 0.0, lag: 0.0 }
-        }
-    }
 }
 
 impl Shaper {
@@ -174,10 +165,16 @@ impl Shaper {
         wish.abs() <= self.clamp
     }
 
+    /// A wish beyond the clamp, brought back to it.
+    #[inline(always)]
+    pub(crate) fn clamped(&self, wish: f32) -> f32 {
+        with_sign(self.clamp, wish)
+    }
+
     /// The wish lies beyond the clamp, or is no number.
     #[cold]
-    pub(crate) fn follow_clamped(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
-        let target = if wish.is_nan() { state.reference } else { between(wish, -self.clamp, self.clamp) };
+    fn follow_clamped(&self, state: &mut ShaperState, wish: f32) -> (f32, Limits) {
+        let target = if wish.is_nan() { state.reference } else { self.clamped(wish) };
         self.follow(state, target, Limits::REFERENCE_CLAMP)
     }
 
@@ -208,7 +205,13 @@ impl Shaper {
     /// The general move: see the module's text.
     #[inline(never)]
     fn catch_up(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
-        let Pursuit { velocity: last_velocity, remainder, lag } = state.pursuit();
+        // Two roads and not one with selected numbers, which costs more.
+        let Pursuit { velocity: last_velocity, remainder, lag } = if state.followed_velocity.is_nan() {
+            core::hint::cold_path();
+            state.pursuit
+        } else {
+            Pursuit { velocity: state.followed_velocity, remainder: 0.0, lag: 0.0 }
+        };
         let step = target - state.reference;
         let target_move = step - lag;
         let target_velocity = if target_move.abs() > self.rate_per_sample { 0.0 } else { target_move };
@@ -221,10 +224,11 @@ impl Shaper {
 
         // Rate and clamp bound the speed in the direction of the wish; the acceleration bounds the velocity, and goes last,
         // because braking fully is always allowed.
-        let room = self.clamp - with_sign(state.reference, wish);
+        let sign = if wish < 0.0 { -1.0 } else { 1.0 };
+        let room = self.clamp - sign * state.reference;
         let speed = lesser(lesser(wish.abs(), self.rate_per_sample), self.approach(room));
         let velocity = between(
-            with_sign(speed, wish),
+            sign * speed,
             last_velocity - self.acceleration_per_sample2,
             last_velocity + self.acceleration_per_sample2,
         );

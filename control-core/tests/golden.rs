@@ -93,8 +93,8 @@ fn run(seed: u32) -> (u64, [u32; 5]) {
         let command = match (closed_loop, dice) {
             (_, 4004) => Command::Reference { reference_m: f32::INFINITY },
             (_, 5000..=5100) => Command::Drive { drive_v: 200.0 },
-            (true, _) => Command::GeneratedReference(&closed),
-            (false, _) => Command::GeneratedDrive(&open),
+            (true, _) => Command::GeneratedReference(closed),
+            (false, _) => Command::GeneratedDrive(open),
         };
         let output = controller.tick(&Input { command, measured_m });
         let dac = calibration.dac_code(output.drive_v);

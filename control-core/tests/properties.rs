@@ -461,8 +461,8 @@ proptest! {
             let command = match dice % 4 {
                 0 => Command::Reference { reference_m: wish },
                 1 => Command::Drive { drive_v: wish },
-                2 => Command::GeneratedReference(&generator),
-                _ => Command::GeneratedDrive(&generator),
+                2 => Command::GeneratedReference(generator),
+                _ => Command::GeneratedDrive(generator),
             };
             let output = controller.tick(&Input { command, measured_m });
             prop_assert!(output.drive_v >= settings.drive_min_v && output.drive_v <= settings.drive_max_v);

@@ -16,7 +16,7 @@ static COMPLETE: AtomicU32 = AtomicU32::new(0);
 static FIRST: AtomicU32 = AtomicU32::new(0);
 const DONE: u32 = 1 << 31;
 
-/// The control interrupt's side.
+/// The loop's side.
 #[derive(Clone, Copy)]
 pub struct Capture {
     phase: Phase,
@@ -111,7 +111,7 @@ pub fn read(from: u16, bytes: &mut [u8]) -> (usize, u16, u32) {
         return (0, 0, 0);
     }
     let oldest = (complete & !DONE) as usize;
-    // SAFETY: complete, so the control interrupt writes no more until the link itself arms it anew.
+    // SAFETY: complete, so the loop writes no more until the link itself arms it anew.
     let ring = unsafe { &*RING.get() };
     let mut n_bytes = 0;
     let (places, _) = bytes.as_chunks_mut::<{ wire::SAMPLE_BYTES }>();

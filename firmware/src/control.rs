@@ -3,49 +3,90 @@
 //! Deadline: 1700 cycles (10 us) from the instant at which the ADC holds its input to the timer latching the DAC. A drive
 //! that comes later is an overrun: the DAC holds the old one, the sample is counted and marked, and too many of them are a
 //! fault. Code and data lie in CCM SRAM, which has no wait states. Nothing here waits, allocates, logs, divides 64-bit numbers or panics.
+//!
+//! What can wait for the drive to be out is done by [`crate::between`], an interrupt of the next lower priority that this one
+//! pends: requests, stream, capture, the account of the state. It holds the loop's state meanwhile, and says so. A control interrupt that
+//! finds it held touches nothing, keeps the old drive and counts an overrun: neither side ever waits.
 
 use crate::capture::Capture;
-use crate::shared::{self, Record, Reply, Request, State};
+use crate::shared::{self, Reply};
 use crate::{Board, Reading, registers};
-use control_core::{
-    Command, Controller, DacCode, FaultCode, Generator, Input, Limits, Mode, ModeName, Output, Segment,
-};
+use control_core::{AdcCode, Command, Controller, DacCode, FaultCode, Input, Limits, Mode, ModeName, Output};
 use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering::Relaxed;
-use wire::{Checked, Flags, InputSource, Sample};
-
-/// What drives while the loop runs.
-#[derive(Clone, Copy)]
-enum Driving {
-    Reference(f32),
-    Drive(f32),
-    Wave { is_closed_loop: bool, segments: &'static [Segment<'static>] },
-}
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering, compiler_fence};
+use wire::{Checked, InputSource};
 
 /// Overruns count 256 each and fade by one a sample: `overrun_limit` of them within about 256 samples are a fault.
 const OVERRUN_WEIGHT: u32 = 256;
 
-/// Everything the control interrupt remembers.
-pub struct Control {
-    controller: Controller,
-    set: &'static Checked,
-    driving: Driving,
-    input: InputSource,
-    sample: u32,
-    /// What the DAC was last told, in volts: what the monitor should show in the next sample.
-    latched_v: f32,
-    monitor_misses: u16,
+/// The loop's state is the control interrupt's.
+pub(crate) const OPEN: u8 = 0;
+/// [`crate::between`] works on it.
+pub(crate) const HELD: u8 = 1;
+/// The bridge is the input: the board's own samples move nothing.
+pub(crate) const ASIDE: u8 = 2;
+
+/// The loop's memory, in one place so that one address leads to all of it. Its name and its first byte are what a debugger, and the test of
+/// a state that is held too long, go by.
+#[repr(C)]
+pub(crate) struct Loop {
+    /// Whether the control interrupt may work on `control`: [`OPEN`], [`HELD`] or [`ASIDE`].
+    pub(crate) gate: AtomicU8,
+    /// Samples since the start.
+    pub(crate) samples: AtomicU32,
+    /// `samples` when the host was last heard; the link writes it.
+    pub(crate) heard: AtomicU32,
+    /// What only the control interrupt touches.
+    beat: shared::Lent<Beat>,
+    /// What belongs to the control interrupt, and to [`crate::between`] while the gate is [`HELD`].
+    pub(crate) control: shared::Lent<MaybeUninit<Control>>,
+}
+
+/// The control interrupt's own, whoever holds the rest.
+struct Beat {
     overrun_score: u32,
-    is_enable_high: bool,
-    last_mode: ModeName,
-    stream_every: u16,
-    stream_countdown: u16,
+    /// What ENABLE's port was last told.
+    enable: u32,
     ready_max_cycles: u32,
-    capture: Capture,
+}
+
+/// The loop's state.
+pub(crate) struct Control {
+    pub(crate) controller: Controller,
+    pub(crate) set: &'static Checked,
+    pub(crate) command: Command<'static>,
+    pub(crate) input: InputSource,
+    pub(crate) monitor_misses: u32,
+    pub(crate) last: Last,
+    pub(crate) capture: Capture,
+    pub(crate) desk: crate::between::Desk,
+}
+
+/// The last sample, for who comes after it.
+pub(crate) struct Last {
+    pub(crate) number: u32,
+    pub(crate) displacement: u16,
+    pub(crate) monitor: u16,
+    pub(crate) output: Output,
+    pub(crate) drive: u16,
+    /// Cycles from the ADC's trigger to the drive being ready, the last one and the most.
+    pub(crate) ready_cycles: u32,
+    pub(crate) ready_max_cycles: u32,
+    pub(crate) is_late: bool,
+    /// Nobody has looked at it yet.
+    pub(crate) is_new: bool,
 }
 
 #[unsafe(link_section = ".ccmram.data.control")]
-static CONTROL: shared::Lent<MaybeUninit<Control>> = shared::Lent::new(MaybeUninit::uninit());
+#[unsafe(export_name = "hysteron_loop")]
+pub(crate) static LOOP: Loop = Loop {
+    samples: AtomicU32::new(0),
+    heard: AtomicU32::new(0),
+    gate: AtomicU8::new(OPEN),
+    beat: shared::Lent::new(Beat { overrun_score: 0, enable: registers::ENABLE_LOW, ready_max_cycles: 0 }),
+    control: shared::Lent::new(MaybeUninit::uninit()),
+};
 
 /// Sets up what [`on_sample`] works on. To be called once, before the control interrupt is enabled.
 pub fn begin(set: &'static Checked, fault: Option<FaultCode>) {
@@ -56,21 +97,25 @@ pub fn begin(set: &'static Checked, fault: Option<FaultCode>) {
     let control = Control {
         controller,
         set,
-        driving: Driving::Reference(0.0),
+        command: Command::Reference { reference_m: 0.0 },
         input: InputSource::Analog,
-        sample: 0,
-        latched_v: 0.0,
         monitor_misses: 0,
-        overrun_score: 0,
-        is_enable_high: false,
-        last_mode: ModeName::Idle,
-        stream_every: 0,
-        stream_countdown: 0,
-        ready_max_cycles: 0,
+        last: Last {
+            number: 0,
+            displacement: 0,
+            monitor: 0,
+            output: Output { drive_v: 0.0, reference_m: 0.0, limited_by: Limits::NONE },
+            drive: set.calibration.safe_code().0,
+            ready_cycles: 0,
+            ready_max_cycles: 0,
+            is_late: false,
+            is_new: false,
+        },
         capture: Capture::new(),
+        desk: crate::between::Desk::new(),
     };
     // SAFETY: the control interrupt is not enabled yet, so nobody else looks at it.
-    unsafe { (*CONTROL.get()).write(control) };
+    unsafe { (*LOOP.control.get()).write(control) };
 }
 
 /// One sample. The whole body of a board's control interrupt.
@@ -80,287 +125,200 @@ pub fn begin(set: &'static Checked, fault: Option<FaultCode>) {
 /// Only from the control interrupt, after [`begin`].
 #[inline(always)]
 pub unsafe fn on_sample<B: Board>() {
-    // SAFETY: `begin` has written it, and only this interrupt, which can't interrupt itself, touches it.
-    let control = unsafe { (*CONTROL.get()).assume_init_mut() };
-    control.sample::<B>();
+    let reading = B::take();
+    let sample = LOOP.samples.load(Relaxed).wrapping_add(1);
+    LOOP.samples.store(sample, Relaxed);
+    // SAFETY: only this interrupt, which can't interrupt itself, touches it.
+    let beat = unsafe { &mut *LOOP.beat.get() };
+    let gate = LOOP.gate.load(Relaxed);
+    if gate == HELD {
+        beat.miss();
+    } else {
+        compiler_fence(Ordering::Acquire);
+        // SAFETY: `begin` has written it. `between` does not hold it, and can't take it before this interrupt, which is of higher
+        // priority, has ended.
+        let control = unsafe { (*LOOP.control.get()).assume_init_mut() };
+        if gate == OPEN {
+            control.sample::<B>(beat, sample, reading)
+        } else {
+            control.aside::<B>(beat, sample)
+        }
+        compiler_fence(Ordering::Release);
+    }
+    registers::pend_between();
+}
+
+impl Beat {
+    /// A sample that finds the state held, because whoever works between the samples took a whole period for it: the DAC keeps its drive,
+    /// ENABLE stands still, and it counts as an overrun.
+    #[cold]
+    #[inline(never)]
+    #[unsafe(link_section = ".ccmram.control.miss")]
+    fn miss(&mut self) {
+        self.overrun_score += OVERRUN_WEIGHT;
+        add_one(&shared::OVERRUNS);
+    }
 }
 
 impl Control {
     #[inline(always)]
-    fn sample<B: Board>(&mut self) {
-        let mut reading = B::take();
-        self.sample = self.sample.wrapping_add(1);
-        let mut wake = self.sample & 63 == 0;
-        let mut is_bridged = false;
-        // SAFETY: the only place that takes requests.
-        if let Some(request) = unsafe { shared::REQUESTS.pop() } {
-            is_bridged = self.obey(&request, &mut reading);
-            wake = true;
+    fn sample<B: Board>(&mut self, beat: &mut Beat, sample: u32, reading: Reading) {
+        if !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault) {
+            self.watch(sample, reading);
+        } else if reading.is_one_lost {
+            add_one(&shared::LOST);
         }
-        let is_analog = matches!(self.input, InputSource::Analog);
-        // Over the bridge the host's samples are the clock; without one the law stands still, and only the silence is watched.
-        let is_due = is_analog || is_bridged;
-        self.watch(&reading, is_due, is_analog);
-        let output = if is_due { self.tick(&reading) } else { self.standing() };
+        let output = self.tick(reading.displacement);
         let code = self.set.calibration.dac_code(output.drive_v);
-        B::put(if is_analog { code.0 } else { self.set.calibration.safe_code().0 });
+        B::put(code.0);
         let ready_cycles = registers::count();
+        let is_on = self.is_amplifier_wanted(&output);
+        beat.enable = if is_on { beat.enable ^ registers::ENABLE_TOGGLE } else { registers::ENABLE_LOW };
+        registers::write_enable(beat.enable);
+        if ready_cycles > beat.ready_max_cycles {
+            beat.ready_max_cycles = ready_cycles;
+        }
+        let (displacement, monitor) = (reading.displacement, reading.monitor);
+        self.last = Last {
+            number: sample,
+            displacement,
+            monitor,
+            output,
+            drive: code.0,
+            ready_cycles,
+            ready_max_cycles: beat.ready_max_cycles,
+            is_late: false,
+            is_new: true,
+        };
         let is_late = ready_cycles >= B::CONVERTERS.deadline_cycles() - B::PUT_CYCLES;
-        if is_due {
-            self.latched_v = output.drive_v;
-        }
-        self.score(is_late, ready_cycles);
-        let mode = self.controller.mode_name();
-        let is_enabled = self.enable(is_analog, mode, &output);
-        // The input changes by a request only, and a fault is latched with its mode.
-        if wake || mode != self.last_mode {
-            let state = State { mode: mode as u8, fault: self.fault_number(), input: self.input };
-            shared::STATE.store(state.word(), Relaxed);
-            wake = true;
-        }
-        shared::SAMPLES.store(self.sample, Relaxed);
-        if is_bridged {
-            let (drive, drive_v, reference_m) = (code.0, output.drive_v, output.reference_m);
-            self.reply(Reply::Bridge { drive, drive_v, reference_m, limited_by: output.limited_by.bits() });
-        }
-        self.record(&reading, &output, code, mode, is_late, is_enabled, is_due);
-        if wake {
-            registers::pend_wake();
+        if is_late || beat.overrun_score != 0 {
+            self.score(beat, is_late);
         }
     }
 
     /// One tick of the law with its mode machine.
     #[inline(always)]
-    fn tick(&mut self, reading: &Reading) -> Output {
-        let generator;
-        let command = match self.driving {
-            Driving::Reference(reference_m) => Command::Reference { reference_m },
-            Driving::Drive(drive_v) => Command::Drive { drive_v },
-            Driving::Wave { is_closed_loop, segments } => {
-                generator = Generator::new(segments);
-                if is_closed_loop {
-                    Command::GeneratedReference(&generator)
-                } else {
-                    Command::GeneratedDrive(&generator)
-                }
-            }
-        };
-        let measured_m = self.set.calibration.displacement_m(control_core::AdcCode(reading.displacement));
-        self.controller.tick(&Input { command, measured_m })
+    pub(crate) fn tick(&mut self, displacement: u16) -> Output {
+        let measured_m = self.set.calibration.displacement_m(AdcCode(displacement));
+        self.controller.tick(&Input { command: self.command, measured_m })
     }
 
-    /// What stands while no sample is due.
-    #[inline(always)]
-    fn standing(&self) -> Output {
-        Output { drive_v: self.controller.drive_v(), reference_m: 0.0, limited_by: Limits::NONE }
-    }
-
-    /// Faults that only the board can see. A fault that is latched already stays the first.
-    #[inline(always)]
-    fn watch(&mut self, reading: &Reading, is_due: bool, is_analog: bool) {
-        if reading.is_one_lost {
-            shared::LOST.store(shared::LOST.load(Relaxed).wrapping_add(1), Relaxed);
+    /// Over the bridge the host's samples are the clock: here the DAC is held at the safe level, and only the host's silence is watched.
+    #[cold]
+    #[inline(never)]
+    #[unsafe(link_section = ".ccmram.control.aside")]
+    fn aside<B: Board>(&mut self, beat: &mut Beat, sample: u32) {
+        beat.enable = registers::ENABLE_LOW;
+        registers::write_enable(beat.enable);
+        B::put(self.set.calibration.safe_code().0);
+        if self.is_host_lost(sample) {
+            self.controller.trip(FaultCode::LinkLoss);
         }
-        let is_running = match self.controller.mode() {
-            Mode::Idle | Mode::Fault { .. } => {
-                self.monitor_misses = 0;
-                return;
-            }
-            Mode::Armed { .. } => false,
-            Mode::Running { .. } | Mode::Stopping { .. } => true,
-        };
+    }
+
+    /// From arming (the DAC has been at the safe level since the start) until 0 V is reached again. While it is so, ENABLE is toggled each
+    /// sample: a loop that hangs toggles nothing, and the monostable behind the pin falls back.
+    #[inline(always)]
+    pub(crate) fn is_amplifier_wanted(&self, output: &Output) -> bool {
+        match self.controller.mode_name() {
+            ModeName::Idle => false,
+            ModeName::Armed | ModeName::Running | ModeName::Stopping => true,
+            ModeName::Fault => output.drive_v != 0.0,
+        }
+    }
+
+    /// Faults that only the board can see: one look whether there may be any, in all modes in which there can be.
+    #[inline(always)]
+    fn watch(&mut self, sample: u32, reading: Reading) {
+        self.monitor_misses = if self.is_monitor_fine(reading.monitor) { 0 } else { self.monitor_misses + 1 };
+        let is_fine = self.monitor_misses < u32::from(self.set.monitor_samples)
+            && !self.set.is_at_rail(AdcCode(reading.displacement))
+            && !reading.is_one_lost
+            && registers::is_stop_chain_closed()
+            && sample.wrapping_sub(LOOP.heard.load(Relaxed)) <= self.set.link_timeout_samples;
+        if !is_fine {
+            self.examine(sample, reading.displacement, Some(reading.is_one_lost));
+        }
+    }
+
+    /// The monitor was sampled with the displacement, before this sample's latch: it shows the drive of the sample before. A NaN is a miss.
+    #[inline(always)]
+    fn is_monitor_fine(&self, monitor: u16) -> bool {
         let set = self.set;
+        let monitor_v = (f32::from(monitor) - set.monitor_zero_code) * set.monitor_v_per_code;
+        (monitor_v - self.last.output.drive_v).abs() <= set.monitor_tolerance_v
+    }
+
+    #[inline(always)]
+    fn is_host_lost(&self, sample: u32) -> bool {
+        matches!(self.controller.mode(), Mode::Running { .. } | Mode::Stopping { .. })
+            && sample.wrapping_sub(LOOP.heard.load(Relaxed)) > self.set.link_timeout_samples
+    }
+
+    /// Which fault it is, if it is one. `is_one_lost` is the ADC's; over the bridge there is none. Of several the last named here counts. A fault that is latched already stays the first.
+    #[cold]
+    #[inline(never)]
+    #[unsafe(link_section = ".ccmram.control.examine")]
+    pub(crate) fn examine(&mut self, sample: u32, displacement: u16, is_one_lost: Option<bool>) {
         let mut fault = None;
-        if is_due {
-            // The monitor was sampled with the displacement, before this sample's latch: it shows the drive of the sample before.
-            let monitor_v = (f32::from(reading.monitor) - set.monitor_zero_code) * set.monitor_v_per_code;
-            // A NaN is a miss, too.
-            if (monitor_v - self.latched_v).abs() <= set.monitor_tolerance_v {
-                self.monitor_misses = 0;
-            } else {
-                self.monitor_misses += 1;
-                if self.monitor_misses >= set.monitor_samples {
-                    fault = Some(FaultCode::DriveMismatch);
-                }
-            }
-            if set.calibration.is_at_rail(control_core::AdcCode(reading.displacement), set.rail_codes) {
-                fault = Some(FaultCode::SensorRail);
-            }
+        if self.monitor_misses >= u32::from(self.set.monitor_samples) {
+            fault = Some(FaultCode::DriveMismatch);
         }
-        if is_analog && reading.is_one_lost {
+        if self.set.is_at_rail(AdcCode(displacement)) {
+            fault = Some(FaultCode::SensorRail);
+        }
+        if is_one_lost == Some(true) {
+            add_one(&shared::LOST);
             fault = Some(FaultCode::AdcLate);
         }
-        if self.overrun_score >= u32::from(set.overrun_limit) * OVERRUN_WEIGHT {
-            fault = Some(FaultCode::Overrun);
-        }
-        if is_running && self.sample.wrapping_sub(shared::HEARD.load(Relaxed)) > set.link_timeout_samples {
+        if self.is_host_lost(sample) {
             fault = Some(FaultCode::LinkLoss);
         }
-        if is_analog && !registers::is_stop_chain_closed() {
+        if is_one_lost.is_some() && !registers::is_stop_chain_closed() {
             fault = Some(FaultCode::EmergencyStop);
         }
         if let Some(code) = fault {
-            self.trip(code);
+            self.controller.trip(code);
         }
     }
 
+    /// Counts what was late, and lets what was late before fade.
     #[cold]
     #[inline(never)]
-    #[unsafe(link_section = ".ccmram.control.trip")]
-    fn trip(&mut self, code: FaultCode) {
-        self.controller.trip(code);
-    }
-
-    /// Counts what was late.
-    #[inline(always)]
-    fn score(&mut self, is_late: bool, ready_cycles: u32) {
+    #[unsafe(link_section = ".ccmram.control.score")]
+    fn score(&mut self, beat: &mut Beat, is_late: bool) {
         if is_late {
-            self.overrun_score += OVERRUN_WEIGHT;
-            shared::OVERRUNS.store(shared::OVERRUNS.load(Relaxed).wrapping_add(1), Relaxed);
-        } else if self.overrun_score > 0 {
-            self.overrun_score -= 1;
+            self.last.is_late = true;
+            beat.overrun_score += OVERRUN_WEIGHT;
+            add_one(&shared::OVERRUNS);
         }
-        // Bit 31 says that a whole period went by; as a number of cycles that is "65535 or more".
-        let cycles = if ready_cycles > 0xffff { 0xffff } else { ready_cycles };
-        if cycles > self.ready_max_cycles {
-            self.ready_max_cycles = cycles;
+        let is_watched = !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault);
+        if is_watched && beat.overrun_score >= u32::from(self.set.overrun_limit) * OVERRUN_WEIGHT {
+            self.controller.trip(FaultCode::Overrun);
         }
-        shared::READY.store(cycles | self.ready_max_cycles << 16, Relaxed);
-    }
-
-    /// Toggles ENABLE while the amplifier is to be on: from arming (the DAC has been at the safe level since the start)
-    /// until 0 V is reached again. A loop that hangs toggles nothing, and the monostable behind the pin falls back.
-    #[inline(always)]
-    fn enable(&mut self, is_analog: bool, mode: ModeName, output: &Output) -> bool {
-        let wanted = is_analog
-            && match mode {
-                ModeName::Idle => false,
-                ModeName::Armed | ModeName::Running | ModeName::Stopping => true,
-                ModeName::Fault => output.drive_v != 0.0,
-            };
-        self.is_enable_high = wanted && !self.is_enable_high;
-        registers::set_enable(self.is_enable_high);
-        wanted
-    }
-
-    fn fault_number(&self) -> u8 {
-        match self.controller.mode() {
-            Mode::Fault { code, .. } => code.number(),
-            _ => 0,
+        if !is_late {
+            beat.overrun_score -= 1;
         }
     }
 
-    /// Hands the sample to stream and capture.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "inlined into its only caller; a struct would be packed and unpacked")]
-    fn record(
-        &mut self,
-        reading: &Reading,
-        output: &Output,
-        code: DacCode,
-        mode: ModeName,
-        is_late: bool,
-        is_enabled: bool,
-        is_due: bool,
-    ) {
-        let last_mode = core::mem::replace(&mut self.last_mode, mode);
-        let has_faulted = mode == ModeName::Fault && last_mode != ModeName::Fault;
-        if has_faulted {
-            shared::FAULT_SAMPLE.store(self.sample, Relaxed);
-        }
-        if !is_due {
-            return;
-        }
-        let is_streamed = self.stream_every != 0 && {
-            self.stream_countdown = self.stream_countdown.wrapping_sub(1);
-            self.stream_countdown == 0
-        };
-        let is_captured = self.capture.is_on();
-        if !is_streamed && !is_captured {
-            return;
-        }
-        let flag = |is_set: bool, flag: Flags| if is_set { flag.0 } else { 0 };
-        let flags = mode as u8
-            | flag(is_late, Flags::OVERRUN)
-            | flag(matches!(self.input, InputSource::Bridge), Flags::BRIDGE)
-            | flag(is_enabled, Flags::ENABLE);
-        let sample = Sample {
-            // A float to integer conversion saturates, and makes 0 of NaN.
-            reference: (output.reference_m * self.set.reference_steps_per_m) as i16,
-            displacement: reading.displacement,
-            monitor: reading.monitor,
-            drive: code.0,
-            limited_by: output.limited_by,
-            flags: Flags(flags),
-        };
-        let record = Record { number: self.sample, sample };
-        if is_captured {
-            self.capture.note(&record, mode == ModeName::Running && last_mode != ModeName::Running, has_faulted);
-        }
-        if !is_streamed {
-            return;
-        }
-        // The sender is woken every 64 samples, which is often enough for a queue of 1023.
-        self.stream_countdown = self.stream_every;
-        // SAFETY: the only place that makes records.
-        if !unsafe { shared::RECORDS.push(record) } {
-            shared::DROPPED.store(shared::DROPPED.load(Relaxed).wrapping_add(1), Relaxed);
-        }
-    }
-
-    /// Carries out a request; true if it brought a sample over the bridge, which is answered once the law has had it.
+    /// One sample over the bridge, between the samples of the board. The law is the same; the DAC does not hear of it.
     #[inline(never)]
-    #[unsafe(link_section = ".ccmram.control.obey")]
-    fn obey(&mut self, request: &Request, reading: &mut Reading) -> bool {
-        let is_idle = matches!(self.controller.mode(), Mode::Idle);
-        let mut answer = Reply::Done;
-        let mut attempt = |result: Result<(), control_core::Refused>| {
-            if let Err(refused) = result {
-                answer = Reply::Refused(refused);
-            }
-        };
-        match *request {
-            Request::Arm => attempt(self.controller.arm()),
-            Request::Run => attempt(self.controller.run()),
-            Request::Stop => attempt(self.controller.stop()),
-            Request::ClearFault => attempt(self.controller.clear_fault()),
-            Request::Apply(set) => {
-                if set.period_cycles != self.set.period_cycles {
-                    registers::set_period(set.period_cycles);
-                }
-                self.controller.exchange_law(set.law);
-                self.set = set;
-            }
-            Request::Reference(reference_m) => self.driving = Driving::Reference(reference_m),
-            Request::Drive(drive_v) => self.driving = Driving::Drive(drive_v),
-            Request::Wave { is_closed_loop, segments } => {
-                self.driving = Driving::Wave { is_closed_loop, segments };
-            }
-            Request::Input(_) if !is_idle => answer = Reply::NotIdle,
-            Request::Input(input) => self.input = input,
-            Request::Bridge { displacement, monitor } => {
-                if matches!(self.input, InputSource::Bridge) {
-                    // What the ADC lost or found is of no interest here.
-                    *reading = Reading { displacement, monitor, is_one_lost: false };
-                    return true;
-                }
-                answer = Reply::NotBridge;
-            }
-            Request::Stream(every) => {
-                self.stream_every = every;
-                self.stream_countdown = 1;
-                shared::DROPPED.store(0, Relaxed);
-            }
-            Request::Capture { before, trigger } => self.capture.arm(before, trigger),
+    #[unsafe(link_section = ".ccmram.control.bridge")]
+    pub(crate) fn bridge(&mut self, displacement: u16, monitor: u16) -> Reply {
+        let number = LOOP.samples.load(Relaxed);
+        if !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault) {
+            self.monitor_misses = if self.is_monitor_fine(monitor) { 0 } else { self.monitor_misses + 1 };
+            self.examine(number, displacement, None);
         }
-        self.reply(answer);
-        false
+        let output = self.tick(displacement);
+        let DacCode(drive) = self.set.calibration.dac_code(output.drive_v);
+        self.last = Last { number, displacement, monitor, output, drive, is_late: false, is_new: true, ..self.last };
+        let Output { drive_v, reference_m, limited_by } = output;
+        Reply::Bridge { drive, drive_v, reference_m, limited_by: limited_by.bits() }
     }
+}
 
-    /// There is room: one request is under way at a time, and its reply was taken before.
-    #[inline(always)]
-    fn reply(&mut self, reply: Reply) {
-        // SAFETY: the only side that replies.
-        let _ = unsafe { shared::REPLIES.push(reply) };
-    }
+#[inline(always)]
+fn add_one(counter: &AtomicU32) {
+    counter.store(counter.load(Relaxed).wrapping_add(1), Relaxed);
 }

@@ -7,6 +7,7 @@
 //! | file | what |
 //! | --- | --- |
 //! | [`control`] | the control interrupt: one sample |
+//! | [`mod@between`] | requests, stream, capture: the interrupt behind it |
 //! | [`registers`] | every register that embassy has no driver for |
 //! | [`link`] | frames in, answers and the stream out |
 //! | [`start`] | reset cause, clock, order of the first steps, the watchdog's supervisor |
@@ -15,6 +16,7 @@
 //! What it does not do: no control law of its own, no floating-point library, no allocation, no time driver: the sample counter is the clock.
 #![no_std]
 
+pub mod between;
 pub mod capture;
 pub mod control;
 pub mod external;

@@ -1,10 +1,10 @@
-//! The link: frames in, requests to the control interrupt, answers and the stream out.
+//! The link: frames in, requests to the loop, answers and the stream out.
 //!
-//! Two tasks. [`receive`] takes frames one after the other and has at most one request under way in the control interrupt; [`send`] owns
+//! Two tasks. [`receive`] takes frames one after the other and has at most one request under way in the loop; [`send`] owns
 //! the transmitter and sends answers before samples.
 
 use crate::shared::{self, Lent, Reply, Request, State};
-use crate::{capture, store};
+use crate::{capture, control, store};
 use control_core::{Segment, SegmentError};
 use core::fmt::{self, Write};
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -69,7 +69,7 @@ pub fn first_set(checked: Checked) -> &'static Checked {
 pub struct Desk {
     facts: Facts,
     parameters: Parameters,
-    /// Which of the two sets the control interrupt uses.
+    /// Which of the two sets the loop uses.
     set_idx: usize,
     segments: Vec<SegmentRecord, SEGMENTS>,
 }
@@ -80,7 +80,7 @@ impl Desk {
         Desk { facts, parameters, set_idx: 0, segments: Vec::new() }
     }
 
-    /// Gives the control interrupt a request and waits for its reply, a sample or two.
+    /// Gives the loop a request and waits for its reply, a sample or two.
     async fn ask(&mut self, request: Request) -> Reply {
         // There is room: the request before it was answered.
         // SAFETY: this task is the only one that requests.
@@ -114,7 +114,7 @@ impl Desk {
             }
         };
         defmt::info!("request {=u16}, {=usize} waiting", sequence, shared::RECORDS.len());
-        shared::HEARD.store(shared::SAMPLES.load(Ordering::Relaxed), Ordering::Relaxed);
+        control::LOOP.heard.store(control::LOOP.samples.load(Ordering::Relaxed), Ordering::Relaxed);
         let is_idle = State::now().is_idle();
         match message {
             ToBoard::Hello => {
@@ -204,7 +204,7 @@ impl Desk {
             return Err(SetError::NotIdle);
         }
         let next_idx = 1 - self.set_idx;
-        // SAFETY: the control interrupt uses the other one; it has answered the last `Apply`, so it has let go of this.
+        // SAFETY: the loop uses the other one; it has answered the last `Apply`, so it has let go of this.
         let checked = unsafe { (*SETS[next_idx].get()).insert(checked) };
         let _ = self.ask(Request::Apply(checked)).await;
         self.set_idx = next_idx;
@@ -217,7 +217,7 @@ impl Desk {
     }
 
     async fn table(&mut self, offset: usize, values: &[u8]) -> Result<(), &'static str> {
-        // The control interrupt lets go of a waveform that may point into the table.
+        // The loop lets go of a waveform that may point into the table.
         let _ = self.ask(Request::Reference(0.0)).await;
         // SAFETY: it has let go, and no other task touches the table.
         let table = unsafe { &mut *TABLE.get() };
@@ -234,7 +234,7 @@ impl Desk {
 
     async fn waveform(&mut self) -> Result<&'static [Segment<'static>], SegmentError> {
         let _ = self.ask(Request::Reference(0.0)).await;
-        // SAFETY: the control interrupt has let go of the old waveform, and is given the new one only once it is whole.
+        // SAFETY: the loop has let go of the old waveform, and is given the new one only once it is whole.
         let (waveform, table) = unsafe { (&mut *WAVEFORM.get(), &*TABLE.get()) };
         waveform.clear();
         for record in &self.segments {

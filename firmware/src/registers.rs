@@ -110,7 +110,7 @@ pub fn begin_pins() {
     pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
     use pac::gpio::vals::{Moder, Pupdr};
     // PA0, PA1 and PA4 are analog after reset and stay so. The sense input is pulled down: an open wire is a pressed stop.
-    set_enable(false);
+    write_enable(ENABLE_LOW);
     pac::GPIOB.pupdr().modify(|w| {
         w.set_pupdr(STOP_PIN, Pupdr::PULL_DOWN);
         w.set_pupdr(ENABLE_PIN, Pupdr::PULL_DOWN);
@@ -121,12 +121,15 @@ pub fn begin_pins() {
     });
 }
 
+/// What [`write_enable`] takes: ENABLE low (the lower half of BSRR sets, the upper one clears), and what turns low to high and back.
+pub const ENABLE_LOW: u32 = 1 << (ENABLE_PIN + 16);
+/// See [`ENABLE_LOW`].
+pub const ENABLE_TOGGLE: u32 = 1 << ENABLE_PIN | ENABLE_LOW;
+
 /// ENABLE high or low.
 #[inline(always)]
-pub fn set_enable(is_high: bool) {
-    // The lower half of BSRR sets, the upper one clears.
-    let bit = if is_high { 1 << ENABLE_PIN } else { 1 << (ENABLE_PIN + 16) };
-    pac::GPIOB.bsrr().write_value(pac::gpio::regs::Bsrr(bit));
+pub fn write_enable(bits: u32) {
+    pac::GPIOB.bsrr().write_value(pac::gpio::regs::Bsrr(bits));
 }
 
 /// Whether the stop chain's sense input is high.
@@ -272,14 +275,23 @@ pub fn begin_interrupts(control: Interrupt) {
     }
     // SAFETY: as above.
     unsafe { core.NVIC.set_priority(Interrupt::CORDIC, 15 << 4) };
+    // SAFETY: as above; 1 is the highest that a critical section holds back.
+    unsafe { core.NVIC.set_priority(Interrupt::FMAC, 1 << 4) };
     // SAFETY: the handler of this one uses nothing that a critical section guards.
     unsafe { core.NVIC.set_priority(control, 0) };
     NVIC::unpend(control);
-    // SAFETY: what the two handlers work on has been set up.
+    // SAFETY: what the three handlers work on has been set up.
     unsafe {
         NVIC::unmask(Interrupt::CORDIC);
+        NVIC::unmask(Interrupt::FMAC);
         NVIC::unmask(control);
     }
+}
+
+/// Lets the interrupt run that works between two samples.
+#[inline(always)]
+pub fn pend_between() {
+    NVIC::pend(Interrupt::FMAC);
 }
 
 /// Lets the interrupt run that wakes the rest.

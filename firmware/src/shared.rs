@@ -1,6 +1,6 @@
-//! What the control interrupt and the rest of the program share: lock-free queues, atomics, and the way to wake the rest.
+//! What the loop (the control interrupt and the one behind it) and the rest of the program share: lock-free queues, atomics, and the way to wake the rest.
 //!
-//! The control interrupt is never masked, so nothing here may need a critical section on its side.
+//! Neither may wait, so nothing here may need a critical section on their side.
 
 use crate::ring::Ring;
 use control_core::{ModeName, Refused, Segment};
@@ -10,7 +10,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use wire::{Checked, InputSource, Sample, Trigger};
 
-/// What the control interrupt is asked to do, one request per sample at most.
+/// What the loop is asked to do, between two samples, one request per sample at most.
 #[derive(Clone, Copy)]
 pub enum Request {
     /// See [`control_core::Controller::arm`].
@@ -54,7 +54,7 @@ pub enum Request {
     },
 }
 
-/// What the control interrupt answers, one reply per request.
+/// What it answers, one reply per request.
 #[derive(Clone, Copy)]
 pub enum Reply {
     /// Done.
@@ -87,11 +87,11 @@ pub struct Record {
     pub sample: Sample,
 }
 
-/// From the link to the control interrupt. One request is under way at a time.
+/// From the link to the loop. One request is under way at a time.
 pub static REQUESTS: Ring<Request, 2> = Ring::new();
-/// From the control interrupt to the link, one per request.
+/// From the loop to the link, one per request.
 pub static REPLIES: Ring<Reply, 2> = Ring::new();
-/// From the control interrupt to the sender: 51 ms of stream at 20 kHz, so that an answer of half a kilobyte in between loses nothing.
+/// From the loop to the sender: 51 ms of stream at 20 kHz, so that an answer of half a kilobyte in between loses nothing.
 pub static RECORDS: Ring<Record, 1024> = Ring::new();
 
 /// Samples since the start.
@@ -106,8 +106,6 @@ pub static LOST: AtomicU32 = AtomicU32::new(0);
 pub static READY: AtomicU32 = AtomicU32::new(0);
 /// Stream samples dropped since the stream began, because the link was busy.
 pub static DROPPED: AtomicU32 = AtomicU32::new(0);
-/// [`SAMPLES`] when the host was last heard; written by the link, read by the control interrupt.
-pub static HEARD: AtomicU32 = AtomicU32::new(0);
 /// The sample in which the present fault was seen.
 pub static FAULT_SAMPLE: AtomicU32 = AtomicU32::new(0);
 
@@ -149,8 +147,8 @@ pub static SENDABLE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// Wakes the supervisor, every 64 samples.
 pub static ALIVE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// The interrupt that the control interrupt pends to wake the rest. It is the CORDIC's, which nothing here uses, and has the lowest
-/// priority; wakers need a critical section, which the control interrupt may not rely on.
+/// The interrupt that the loop pends to wake the rest. It is the CORDIC's, which nothing here uses, and has the lowest
+/// priority; wakers need a critical section, which the loop may not rely on.
 #[unsafe(no_mangle)]
 extern "C" fn CORDIC() {
     REPLIED.signal(());

@@ -44,7 +44,7 @@ fn make_safe() {
     // SAFETY: written once, before any interrupt is enabled; a function pointer is one word.
     let make_safe = unsafe { MAKE_SAFE.get().read_volatile() };
     make_safe();
-    registers::set_enable(false);
+    registers::write_enable(registers::ENABLE_LOW);
 }
 
 fn mark() -> [u32; 2] {
@@ -174,7 +174,7 @@ fn start_link(spawner: Spawner, peripherals: Peripherals, facts: Facts, paramete
     }
 }
 
-/// Feeds the watchdog as long as samples come and tasks run: it is woken by the control interrupt and scheduled by the executor.
+/// Feeds the watchdog as long as samples come and tasks run: it is woken by the loop and scheduled by the executor.
 #[embassy_executor::task]
 async fn supervise() {
     let mut last = shared::SAMPLES.load(Ordering::Relaxed);

@@ -2,7 +2,7 @@
 //!
 //! The control law and the waveforms are `control-core`'s own, in f32, as they run on a board.
 
-use crate::chain::{Chain, Held, SensorState, Simulator};
+use crate::chain::{Arrivals, Chain, Held, SensorState, Simulator};
 use crate::margins::Loop;
 use crate::replay::Start;
 use crate::spec::{self, Shape, Spec, SpecError, Unit};
@@ -117,7 +117,7 @@ pub struct Recording {
     pub reference_m: Vec<f64>,
     /// What the sensor read.
     pub displacement_m: Vec<f64>,
-    /// Command after each reading.
+    /// Command after each reading, as the controller wrote it, whether it arrived or not.
     pub command_v: Vec<f64>,
     /// Limits that acted in open or closed loop.
     pub limited_by: Vec<Limits>,
@@ -138,7 +138,7 @@ pub struct Setup<'a> {
     pub samples: usize,
     /// From sampling to the new drive, seconds.
     pub latency_s: f64,
-    /// Seed of the sensor's noise.
+    /// Seed of the sensor's noise and of the commands that are lost.
     pub seed: u64,
 }
 
@@ -214,6 +214,8 @@ fn run(
     let mut simulator = Simulator::new(setup.chain, dt_s, setup.latency_s);
     simulator.start_from(&setup.start.state, setup.start.drive_v);
     let mut sensor = SensorState::new(&setup.chain.sensor, setup.seed);
+    let mut arrivals = Arrivals::new(&setup.chain.drive, setup.seed);
+    let mut held_v = setup.start.drive_v;
     let mut recording = Recording { dt_s, ..Recording::default() };
     let report_every = (setup.samples / 200).max(1);
     for sample in 0..setup.samples {
@@ -228,7 +230,10 @@ fn run(
         recording.command_v.push(command_v);
         recording.limited_by.push(limited_by);
         recording.peak_m = recording.peak_m.max(simulator.motion().0.abs());
-        simulator.advance(Held::zero_order(command_v), 0.0);
+        if arrivals.next_arrives() {
+            held_v = command_v;
+        }
+        simulator.advance(Held::zero_order(held_v), 0.0);
         if sample % report_every == 0 {
             progress(sample);
         }

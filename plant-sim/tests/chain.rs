@@ -1,7 +1,8 @@
 //! The chain's parts, one by one: what stands in the drive and in the sensor, and what a command's hold and delay do, against an
 //! integration by Runge-Kutta that knows nothing of samples.
 
-use plant_sim::chain::{Chain, Drive, Held, Parts, Sensor, SensorState, Simulator};
+use plant_sim::chain::{Arrivals, Chain, Drive, Held, Parts, Sensor, SensorState, Simulator};
+use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
 use plant_sim::phs::{Hysteron, Phs, PhsState};
 use plant_sim::replay::{Player, Start, predict};
@@ -264,4 +265,41 @@ fn a_ramp_is_cut_where_the_drive_ends() {
     let theirs = runge_kutta(&limited.plant, ROWS, STEPS, |t| ramp_v(t).min(10.0), |_| 0.0);
     let error = distance(&ours, &theirs) / largest(&theirs);
     assert!(error < 1e-8, "{error:e}");
+}
+
+#[test]
+fn the_declared_share_of_commands_is_lost_and_the_one_before_stays() {
+    let drive = |lost_share| Drive { lost_share, ..Drive::IDEAL };
+    let lost = |lost_share, seed| {
+        let mut arrivals = Arrivals::new(&drive(lost_share), seed);
+        (0..20_000).map(|_| !arrivals.next_arrives()).collect::<Vec<bool>>()
+    };
+    let count = |lost: &[bool]| lost.iter().filter(|is_lost| **is_lost).count();
+    for seed in 1..=5 {
+        // Binomial: 2000 and sqrt(20000 0.1 0.9) = 42.4; pairs in a row, if independent, 200 and about 15; four deviations each.
+        let lost = lost(0.1, seed);
+        assert!(count(&lost).abs_diff(2000) <= 170, "{}", count(&lost));
+        let pairs = lost.windows(2).filter(|two| two[0] && two[1]).count();
+        assert!(pairs.abs_diff(200) <= 60, "{pairs}");
+    }
+    assert_eq!((count(&lost(0.0, 1)), count(&lost(1.0, 1))), (0, 20_000));
+
+    let run = |lost_share, seed| {
+        let chain = Chain { drive: drive(lost_share), ..chain() };
+        let start = Start::relaxed(&chain);
+        let setup = Setup { chain: &chain, start: &start, rate_hz: 1e4, samples: 2000, latency_s: 1e-5, seed };
+        open_loop(&setup, &Program::new(&"sine:20V@50Hz".parse().unwrap(), 1e4).unwrap(), &|_| {}).unwrap()
+    };
+    let (whole, lossy) = (run(0.0, 7), run(0.1, 7));
+    // The log has what was commanded; what acted is the commands with the lost ones replaced by the ones before them.
+    assert_eq!(whole.command_v, lossy.command_v);
+    assert!(whole.displacement_m != lossy.displacement_m && lossy.displacement_m != run(0.1, 8).displacement_m);
+    assert_eq!(lossy.displacement_m, run(0.1, 7).displacement_m);
+    let mut simulator = Simulator::new(&chain(), SAMPLE_S, 1e-5);
+    let mut held_v = 0.0;
+    for (k, is_lost) in lost(0.1, 7).into_iter().take(2000).enumerate() {
+        assert_eq!(simulator.reading_m(), lossy.displacement_m[k], "row {k}");
+        held_v = if is_lost { held_v } else { lossy.command_v[k] };
+        simulator.advance(Held::zero_order(held_v), 0.0);
+    }
 }

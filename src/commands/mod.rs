@@ -2,6 +2,7 @@
 
 mod blind_check;
 mod board;
+mod board_serve;
 mod demo;
 mod diagnose;
 mod effects;
@@ -23,6 +24,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Diagnose(call)) => diagnose::diagnose(call),
         Some(Command::Effects(call)) => effects::effects(call),
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
+        Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

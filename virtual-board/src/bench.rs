@@ -5,7 +5,7 @@
 //! output is taken as a straight line, which at 10 us and a mode of 900 Hz is wrong by 4e-4 of its swing. Without a corner frequency there is none.
 
 use control_core::{Calibration, CalibrationSettings, DacCode};
-use plant_sim::chain::{Chain, Held, SensorState, Simulator};
+use plant_sim::chain::{Arrivals, Chain, Held, SensorState, Simulator};
 use plant_sim::replay::Start;
 use std::fmt;
 
@@ -35,7 +35,7 @@ pub struct BenchSettings {
     pub start: Start,
     /// The levels between pins and bench, which the board's parameters state too.
     pub calibration: Calibration,
-    /// Seed of the sensor's noise.
+    /// Seed of the sensor's noise and of the commands that are lost.
     pub seed: u64,
     /// Corner of the anti-alias stage in Hz; none for no stage.
     pub anti_alias_hz: Option<f64>,
@@ -51,7 +51,11 @@ pub struct Bench {
     has_external_converters: bool,
     simulator: Simulator,
     sensor: SensorState,
-    offset_m: f64,
+    arrivals: Arrivals,
+    /// The command of the present sample arrives at the amplifier.
+    arrives: bool,
+    /// The last hold.
+    held_at: u64,
     /// Cycles of one step of the simulator; divides every span.
     step_cycles: u64,
     /// The cycle that the plant stands at.
@@ -109,7 +113,9 @@ impl Bench {
             has_external_converters: settings.has_external_converters,
             simulator,
             sensor: SensorState::new(&settings.chain.sensor, settings.seed),
-            offset_m: settings.chain.sensor.offset_m,
+            arrivals: Arrivals::new(&settings.chain.drive, settings.seed),
+            arrives: true,
+            held_at: 0,
             step_cycles,
             reached: 0,
             has_begun: false,
@@ -147,11 +153,17 @@ impl Bench {
         if !self.has_begun {
             self.has_begun = true;
             self.reached = cycle;
+            self.held_at = cycle;
         }
         self.carry_on(cycle);
+        self.arrives = self.arrivals.next_arrives();
         let true_m = self.simulator.reading_m();
-        self.peak_m = self.peak_m.max((true_m - self.offset_m).abs());
-        let seen_m = self.sensor.read_m(self.filter.map_or(true_m, |filter| filter.output_m), 0.0, 0.0);
+        let (moved_m, velocity_m_per_s) = self.simulator.motion();
+        self.peak_m = self.peak_m.max(moved_m.abs());
+        let sample_s = (cycle - self.held_at) as f64 / CORE_HZ;
+        self.held_at = cycle;
+        let ideal_m = self.filter.map_or(true_m, |filter| filter.output_m);
+        let seen_m = self.sensor.read_m(ideal_m, velocity_m_per_s, sample_s);
         let code = match self.wire {
             Wire::Shorted => 0,
             Wire::Open => self.last_code(),
@@ -195,15 +207,113 @@ impl Bench {
         self.is_on
     }
 
-    /// The DAC's pin has `code` from `cycle` on. An amplifier that is off holds 0 V.
+    /// The DAC's pin has `code` from `cycle` on. An amplifier that is off holds 0 V; a command that is lost leaves it where it is.
     pub fn drive(&mut self, cycle: u64, code: u16) {
         self.carry_on(cycle);
-        self.code = code;
-        self.drive_v = if self.is_on { f64::from(self.calibration.drive_v(DacCode(code))) } else { 0.0 };
+        if self.arrives {
+            self.code = code;
+        }
+        self.drive_v = if self.is_on { f64::from(self.calibration.drive_v(DacCode(self.code))) } else { 0.0 };
     }
 
     /// What the amplifier puts out, in volts.
     pub fn drive_v(&self) -> f64 {
         self.drive_v
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plant_sim::model::Model;
+    use std::path::Path;
+
+    const PERIOD: u64 = 8500;
+
+    fn settings(change: impl FnOnce(&mut Chain)) -> BenchSettings {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let mut chain = Model::read(&path).unwrap().chain();
+        change(&mut chain);
+        let calibration = Calibration::try_build(&CalibrationSettings::NUCLEO_G474RE).unwrap();
+        let start = Start::relaxed(&chain);
+        BenchSettings { chain, start, calibration, seed: 7, anti_alias_hz: None, has_external_converters: false }
+    }
+
+    /// Plays +-20 V at 100 Hz as a board does, code by code: what the ADC delivered, the monitor, and the bench as it stands then.
+    fn play(settings: &BenchSettings, samples: u64) -> (Vec<u16>, Vec<u16>, Bench) {
+        let mut bench = Bench::new(settings, 1700);
+        let mut adc = Vec::new();
+        let mut monitor = Vec::new();
+        for k in 0..samples {
+            let hold = 1000 + k * PERIOD;
+            adc.push(bench.displacement(hold).1);
+            monitor.push(bench.monitor());
+            bench.enable_edge(hold);
+            bench.look_at_enable(hold + 1700);
+            let wanted_v = 20.0 * (std::f64::consts::TAU * k as f64 / 200.0).sin();
+            bench.drive(hold + 1700, settings.calibration.dac_code(wanted_v as f32).0);
+        }
+        (adc, monitor, bench)
+    }
+
+    fn differing(a: &[u16], b: &[u16]) -> usize {
+        a.iter().zip(b).filter(|(a, b)| a != b).count()
+    }
+
+    #[test]
+    fn jitter_and_slow_noise_of_a_model_reach_the_adc() {
+        let (clean, _, _) = play(&settings(|_| ()), 4000);
+        let (jittery, _, _) = play(&settings(|chain| chain.sensor.jitter_s = 20e-6), 4000);
+        let slow = |chain: &mut Chain| (chain.sensor.slow_noise_m, chain.sensor.slow_noise_s) = (1e-6, 5e-3);
+        let (slow, _, _) = play(&settings(slow), 4000);
+        // +-35 um at 100 Hz move by up to 0.022 m/s: 20 us are up to 0.44 um or 7 codes, and nothing where the motion turns.
+        let off = |adc: &[u16], at: &dyn Fn(usize) -> bool| {
+            let squares =
+                (400..4000).filter(|k| at(*k)).map(|k| f64::from(i32::from(adc[k]) - i32::from(clean[k])).powi(2));
+            let (sum, n) = squares.fold((0.0, 0), |(sum, n), square| (sum + square, n + 1));
+            (sum / f64::from(n)).sqrt()
+        };
+        let speed = |k: usize| (i32::from(clean[k]) - i32::from(clean[k - 1])).abs();
+        let fastest = (400..4000).map(speed).max().unwrap_or(0);
+        let (fast, slowly) = (off(&jittery, &|k| 5 * speed(k) > 4 * fastest), off(&jittery, &|k| speed(k) <= 1));
+        // Codes move by `fastest` in 50 us: 20 us rms of it, within 10 % for some 1000 samples, and the rounding of both logs.
+        let expected = 0.4 * 0.93 * f64::from(fastest);
+        assert!((0.8..1.2).contains(&(fast / expected)) && slowly < 0.3 * fast, "{fast} {expected} {slowly}");
+        // 1 um is 15.75 codes; 180 ms have 36 time constants, so the rms is known to 1 / sqrt(36): 17 %, three of them.
+        let rms = off(&slow, &|_| true);
+        assert!((0.5 * 15.75..1.5 * 15.75).contains(&rms), "{rms}");
+        // And slow it is: from one sample to the next sqrt(2 (1 - exp(-0.01))) = 14 % of it, and the rounding.
+        let moves = (400..4000).map(|k| {
+            let off = |k: usize| i32::from(slow[k]) - i32::from(clean[k]);
+            f64::from(off(k) - off(k - 1)).powi(2)
+        });
+        let step = (moves.sum::<f64>() / 3600.0).sqrt();
+        assert!((0.10 * 15.75..0.20 * 15.75).contains(&step), "{step}");
+    }
+
+    #[test]
+    fn the_peak_is_the_structures_and_not_the_sensors() {
+        let (_, _, plain) = play(&settings(|_| ()), 1000);
+        assert!((20e-6..60e-6).contains(&plain.peak_m), "{}", plain.peak_m);
+        let odd = |chain: &mut Chain| (chain.sensor.gain, chain.sensor.offset_m) = (1.5, 10e-6);
+        let (_, _, odd) = play(&settings(odd), 1000);
+        assert_eq!(odd.peak_m, plain.peak_m);
+    }
+
+    #[test]
+    fn a_lost_command_leaves_the_amplifier_where_it_is() {
+        let (clean, clean_monitor, _) = play(&settings(|_| ()), 4000);
+        let lossy = settings(|chain| chain.drive.lost_share = 0.05);
+        let (adc, monitor, _) = play(&lossy, 4000);
+        assert!(differing(&adc, &clean) > 100);
+        // The monitor shows the command of the sample before, or, where that was lost, what it showed then. Binomial: 200 and 13.8, four
+        // of them; a few lost ones don't show, because the sine's codes are the same twice at its crests.
+        let repeats = |monitor: &[u16]| monitor.windows(2).filter(|two| two[0] == two[1]).count();
+        let held = repeats(&monitor) - repeats(&clean_monitor);
+        assert!((130..=256).contains(&held), "{held}");
+        for (k, shown) in monitor.iter().enumerate().skip(1) {
+            assert!(*shown == clean_monitor[k] || *shown == monitor[k - 1], "row {k}");
+        }
+        assert_eq!(play(&lossy, 4000).0, adc);
     }
 }

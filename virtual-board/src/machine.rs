@@ -141,6 +141,18 @@ impl Cost {
     }
 }
 
+/// Calls of one function, counted.
+#[derive(Clone, Debug, Default)]
+struct Calls {
+    address: u32,
+    /// Where the call under way returns to, and the instructions before it.
+    under_way: Option<(u32, u64)>,
+    instructions: Vec<u64>,
+}
+
+/// FMAC's exception: the interrupt behind the control interrupt, which works between two samples.
+const BETWEEN: u16 = 16 + 101;
+
 /// A core with its chip.
 pub struct Machine {
     core: ArmV7m,
@@ -148,10 +160,16 @@ pub struct Machine {
     shared: Arc<Shared>,
     instructions: u64,
     cost: Cost,
+    between_cost: Cost,
+    /// As `under_way`, of the interrupt behind it.
+    between: Option<(u64, u64, u64)>,
+    calls: Option<Calls>,
     /// Instructions and cycles at the entry of the control interrupt under way, and fetches from flash since.
     under_way: Option<(u64, u64, u64)>,
     exception: u16,
     is_guard_on: bool,
+    /// A core that has locked up stands still while the chip goes on; else that is an error.
+    goes_on_locked: bool,
     /// Exception number of the control interrupt.
     control: u16,
 }
@@ -212,9 +230,13 @@ impl Machine {
             shared,
             instructions: 0,
             cost: Cost::default(),
+            between_cost: Cost::default(),
+            between: None,
+            calls: None,
             under_way: None,
             exception: 0,
             is_guard_on: true,
+            goes_on_locked: false,
             control,
         }
     }
@@ -239,9 +261,25 @@ impl Machine {
         self.cost
     }
 
-    /// Starts the measurement of the cost anew.
+    /// What the interrupt behind it has cost, which works between two samples.
+    pub fn between_cost(&self) -> Cost {
+        self.between_cost
+    }
+
+    /// Starts the measurement of the costs anew.
     pub fn forget_cost(&mut self) {
         self.cost = Cost::default();
+        self.between_cost = Cost::default();
+    }
+
+    /// Starts to count the instructions of each call of the function at `address`.
+    pub fn count_calls(&mut self, address: u32) {
+        self.calls = Some(Calls { address: address & !1, ..Calls::default() });
+    }
+
+    /// Instructions of each call so far, the return included.
+    pub fn calls(&self) -> &[u64] {
+        self.calls.as_ref().map_or(&[], |calls| &calls.instructions)
     }
 
     /// A word of memory, as a debugger sees it.
@@ -254,7 +292,7 @@ impl Machine {
         self.space.write(u64::from(address), Width::U32, u64::from(word), MemAttrs::DEBUG).is_ok()
     }
 
-    /// Bytes of stack ever used, and bytes there are between the image's data and the end of memory.
+    /// Bytes of stack ever used, and bytes there are.
     pub fn stack_bytes(&self, image: &Image) -> Option<(u32, u32)> {
         let (low, high) = (image.symbol("_stack_end")?, image.symbol("_stack_start")?);
         let lowest = (low..high).step_by(4).find(|address| self.word(*address) != Some(UNUSED)).unwrap_or(high);
@@ -266,9 +304,44 @@ impl Machine {
         self.is_guard_on = false;
     }
 
-    /// Disables the control interrupt, as a program gone astray might: NVIC_ICER.
+    /// Stops the core for `cycles` while the chip goes on, as a debugger does that halts it.
+    pub fn stall(&self, cycles: u64) {
+        let until = self.now() + cycles;
+        let mut chip = self.shared.chip();
+        while chip.event() <= until {
+            chip.now = chip.event();
+            chip.advance(&Ram(&self.space));
+        }
+        self.shared.now.store(until, Relaxed);
+    }
+
+    /// Moves the stack pointer to `address` as soon as the core sleeps, as if all above were in use. A core that locks up because of it
+    /// stands still from then on, and the chip goes on.
+    ///
+    /// # Errors
+    /// [`MachineError`].
+    pub fn use_up_stack(&mut self, address: u32) -> Result<(), MachineError> {
+        while !self.core.is_asleep() {
+            self.run(self.now() + 20, |_| false)?;
+        }
+        self.core.set_reg(13, address);
+        self.goes_on_locked = true;
+        Ok(())
+    }
+
+    /// Disables the control interrupt, as a program gone astray might.
     pub fn hang(&self) {
-        let irq = u32::from(self.control - 16);
+        self.disable(self.control);
+    }
+
+    /// Disables the interrupt behind it, which works between two samples.
+    pub fn hang_between(&self) {
+        self.disable(BETWEEN);
+    }
+
+    /// NVIC_ICER.
+    fn disable(&self, exception: u16) {
+        let irq = u32::from(exception - 16);
         self.core.with_sys(|system| system.write_word(0xe000_e180 + irq / 32 * 4, 1 << (irq % 32)));
     }
 
@@ -301,6 +374,8 @@ impl Machine {
                     self.core = new_core(&self.space);
                     self.exception = 0;
                     self.under_way = None;
+                    self.between = None;
+                    self.goes_on_locked = false;
                 }
                 let is_inside = self.is_guard_on && self.core.xpsr() & IT != 0;
                 let lines = chip.lines();
@@ -316,7 +391,7 @@ impl Machine {
                 } else if self.core.nmi_asserted() {
                     self.core.set_nmi(false);
                 }
-                event = chip.event();
+                event = chip.event().min(limit);
                 if done(&mut chip) {
                     return Ok(true);
                 }
@@ -337,6 +412,9 @@ impl Machine {
 
     /// One instruction, exception entry or sleeping cycle.
     fn step(&mut self, now: u64) -> Result<u64, MachineError> {
+        if self.goes_on_locked && self.core.is_locked_up() {
+            return Ok(1);
+        }
         let before = self.core.xpsr();
         let cycles = self.core.step();
         self.instructions += 1;
@@ -344,11 +422,22 @@ impl Machine {
         if exception != self.exception {
             self.change_exception(now, exception, before & IT != 0)?;
         }
-        if let Some((_, _, from_flash)) = &mut self.under_way
-            && self.core.pc() >= FLASH
-            && self.core.pc() < CCM
-        {
-            *from_flash += 1;
+        if let Some(calls) = &mut self.calls {
+            let (pc, link) = (self.core.pc(), self.core.reg(14));
+            match calls.under_way {
+                None if pc == calls.address => calls.under_way = Some((link & !1, self.instructions)),
+                Some((back, began)) if pc == back => {
+                    calls.instructions.push(self.instructions - began);
+                    calls.under_way = None;
+                }
+                _ => {}
+            }
+        }
+        if let Some((_, _, from_flash)) = &mut self.between {
+            *from_flash += u64::from((FLASH..CCM).contains(&self.core.pc()));
+        }
+        if let Some((_, _, from_flash)) = &mut self.under_way {
+            *from_flash += u64::from((FLASH..CCM).contains(&self.core.pc()));
         }
         Ok(cycles)
     }
@@ -359,10 +448,13 @@ impl Machine {
             return Err(MachineError::ItBlock { cycle: now, pc });
         }
         if self.core.is_locked_up() {
+            if self.goes_on_locked {
+                return Ok(());
+            }
             return Err(MachineError::LockedUp { cycle: now, pc });
         }
         // 3 is HardFault: the image has a handler, but on the virtual board it always means an access to nowhere or a fault of ours.
-        if exception == 3 {
+        if exception == 3 && !self.goes_on_locked {
             // The instruction that was interrupted: the seventh word that was stacked.
             let pc = self.word(self.core.msp() + 24).unwrap_or(pc);
             let (count, address) = self.core.bus_faults();
@@ -381,6 +473,18 @@ impl Machine {
             && let Some((instructions, cycles, from_flash)) = self.under_way.take()
         {
             self.cost.note(self.instructions - instructions, self.core.cycles() - cycles, from_flash);
+        }
+        // Interrupted by the control interrupt it goes on afterwards.
+        if exception == BETWEEN {
+            if self.between.is_none() {
+                self.between = Some((self.instructions, self.core.cycles(), 0));
+            }
+        } else if self.exception == BETWEEN
+            && exception != self.control
+            && let Some((instructions, cycles, from_flash)) = self.between.take()
+        {
+            let (instructions, cycles) = (self.instructions - instructions, self.core.cycles() - cycles);
+            self.between_cost.note(instructions, cycles, from_flash);
         }
         self.exception = exception;
         Ok(())

@@ -65,9 +65,7 @@ pub struct Report {
 /// # Errors
 /// [`BoardError`]; a fault of the loop is none, the report's status says it.
 pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Result<Report, BoardError> {
-    // The largest step that divides both the period and the time from sample to latch: both are made of it.
-    let period = (crate::bench::CORE_HZ / f64::from(experiment.parameters.rate_hz)).round() as u64;
-    let mut board = VirtualBoard::new(image, &experiment.bench, common_divisor(period, 1700));
+    let mut board = VirtualBoard::new(image, &experiment.bench, step_cycles(f64::from(experiment.parameters.rate_hz)));
     let Heard::Identity { board: name, firmware, .. } = board.greet()? else {
         return Err(BoardError::Silent { request: "hello".into() });
     };
@@ -161,6 +159,11 @@ fn gather(heard: &[Heard]) -> (Vec<Sample>, Option<u32>) {
 
 fn span(values: impl Iterator<Item = u64>) -> (u64, u64) {
     values.fold((u64::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// Cycles of the plant's step for a board that samples at `rate_hz`: the most that divides both the period and the time from sample to latch.
+pub fn step_cycles(rate_hz: f64) -> u64 {
+    common_divisor((crate::bench::CORE_HZ / rate_hz).round() as u64, 1700)
 }
 
 fn common_divisor(a: u64, b: u64) -> u64 {

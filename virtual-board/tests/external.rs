@@ -48,7 +48,7 @@ fn the_seam_holds_sixteen_bits_the_same_law_and_the_same_latch() {
         controller.run().unwrap();
         rows[begin..].iter().all(|row| {
             let measured_m = calibration.displacement_m(AdcCode(row.adc));
-            let input = Input { command: Command::GeneratedReference(&generator), measured_m };
+            let input = Input { command: Command::GeneratedReference(generator), measured_m };
             calibration.dac_code(controller.tick(&input).drive_v).0 == row.dac
         })
     };

@@ -159,10 +159,28 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
     assert_eq!((status.mode, status.overruns), (ModeName::Running as u8, 1));
     // A storm: three within 256 samples.
     board.machine.chip().adc[0].late_cycles = 1500;
-    board.run_samples(5).unwrap();
+    board.run_samples(3).unwrap();
     board.machine.chip().adc[0].late_cycles = 0;
     ends_safe(&mut board, FaultCode::Overrun, 0);
     assert!(board.status().unwrap().overruns >= 4);
+}
+
+#[test]
+fn samples_that_were_overwritten_unread_are_a_fault() {
+    let Some(mut board) = running() else { return };
+    // Two and a half periods: the ADC goes on, nobody reads it.
+    board.machine.stall(21_250);
+    ends_safe(&mut board, FaultCode::AdcLate, 3);
+    let status = board.status().unwrap();
+    assert!(status.lost_samples >= 1 && status.overruns >= 1, "{status:?}");
+}
+
+#[test]
+fn a_reference_that_is_no_number_is_a_fault_in_its_sample() {
+    let Some(mut board) = running() else { return };
+    // Nothing between the line and the law looks at it: the law does.
+    board.order(&ToBoard::Reference { reference_m: f32::NAN }).unwrap();
+    ends_safe(&mut board, FaultCode::NotANumber, 1);
 }
 
 #[test]
@@ -248,7 +266,66 @@ fn a_hung_image_is_reset_by_the_watchdog_and_comes_up_disarmed_in_fault() {
 }
 
 #[test]
-fn a_crystal_that_stops_or_never_starts_is_a_clock_fault() {
+fn a_board_that_samples_but_never_works_between_the_samples_is_reset_too() {
+    let Some(mut board) = running() else { return };
+    board.machine.hang_between();
+    let limit = board.machine.now() + 40_000_000;
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    // The loop itself went on until then: the last sample before the reset still drove.
+    assert!(board.machine.chip().rows.iter().rev().take(10).any(|row| row.dac > MID + 400));
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+    stays_safe(&mut board);
+}
+
+#[test]
+fn a_sample_that_finds_the_loops_state_held_keeps_the_drive_and_is_an_overrun() {
+    let Some(mut board) = running() else { return };
+    let gate = image("nucleo-g474re").unwrap().symbol("hysteron_loop").expect("the loop's memory");
+    // As the work between the samples would leave it if it took a whole period: 1 is "held".
+    let hold = |board: &mut VirtualBoard| {
+        assert!(board.machine.set_word(gate, 1));
+        board.run_samples(1).unwrap();
+    };
+    board.run_samples(10).unwrap();
+    let before = *board.machine.chip().rows.last().expect("samples");
+    hold(&mut board);
+    let held = *board.machine.chip().rows.last().expect("samples");
+    assert_eq!((held.dac, held.hold_cycle - before.hold_cycle), (before.dac, 8500));
+    board.run_samples(300).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.overruns, status.lost_samples), (ModeName::Running as u8, 1, 0));
+    // Three in a row are a fault, like three that are late.
+    for _ in 0..3 {
+        hold(&mut board);
+    }
+    ends_safe(&mut board, FaultCode::Overrun, 1);
+}
+
+#[test]
+fn a_stack_that_overflows_meets_nothing_and_ends_in_the_watchdog() {
+    let Some(mut board) = running() else { return };
+    let image = image("nucleo-g474re").unwrap();
+    // The stack lies below all data, at the start of memory: under it is no memory at all.
+    let (end, start) = (image.symbol("_stack_end").unwrap(), image.symbol("_stack_start").unwrap());
+    assert_eq!((end, board.machine.word(end - 4)), (0x2000_0000, None));
+    assert!(image.symbol("__sdata").unwrap() >= start && image.symbol("__sbss").unwrap() >= start);
+    // Room for half of what an interrupt stacks.
+    board.machine.use_up_stack(end + 16).unwrap();
+    let limit = board.machine.now() + 40_000_000;
+    let before = board.machine.now();
+    board.machine.run(before + 340_000, |_| false).unwrap();
+    // After 2 ms: ENABLE stands still, the amplifier is off.
+    assert!(!board.machine.chip().bench.is_amplifier_on());
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    assert!(board.machine.now() - before < 17_100_000);
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+    stays_safe(&mut board);
+}
+
+#[test]
+fn a_crystal_that_stops_is_a_clock_fault() {
     let Some(mut board) = running() else { return };
     board.machine.chip().stop_crystal();
     board.run_cycles(400_000).unwrap();
@@ -256,6 +333,27 @@ fn a_crystal_that_stops_or_never_starts_is_a_clock_fault() {
     let status = board.status().unwrap();
     assert_eq!((status.reset, status.fault), (ResetCause::Software, FaultCode::Clock.number()));
     stays_safe(&mut board);
+}
+
+#[test]
+fn a_crystal_that_never_starts_leaves_the_board_in_fault_on_its_inner_clock() {
+    let Some(image) = image("nucleo-g474re") else { return };
+    let mut board = VirtualBoard::new(&image, &bench(), 1700);
+    // Before the first instruction: HSERDY is never set, and the ready flag has no time limit of its own.
+    board.machine.chip().stop_crystal();
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    let expected = (ResetCause::PowerOn, ModeName::Fault as u8, FaultCode::Clock.number());
+    assert_eq!((status.reset, status.mode, status.fault), expected);
+    stays_safe(&mut board);
+    // 1 s, ten times the watchdog: it is fed, the board answers, the fault stands and ENABLE never moved.
+    for _ in 0..10 {
+        board.run_samples(2000).unwrap();
+        assert_eq!(board.status().unwrap().fault, FaultCode::Clock.number());
+    }
+    let chip = board.machine.chip();
+    assert!(chip.resets.is_empty() && !chip.gpio[1].level(5));
+    assert!(chip.rows.iter().all(|row| row.dac == MID && !row.is_enabled));
 }
 
 #[test]
@@ -268,24 +366,29 @@ fn parameters_survive_a_reset_and_a_power_cut_at_any_word_leaves_a_whole_set() {
     assert_eq!(board.machine.chip().flash.works, 17);
     let other = Parameters { kp_v_per_m: 3e5, ..saved };
     let mut kept = saved;
-    for cut_after in 0..=17 {
-        // Before, during and after each of them: cut as soon as the work of that number has begun.
+    // Before the first of them, then in the middle of each and between each and the next; the last cut comes after all.
+    let moments = std::iter::once(None).chain((0..17).flat_map(|work| [Some((work, true)), Some((work, false))]));
+    for moment in moments {
         board.order(&ToBoard::SetParameters(other)).unwrap();
         let before = board.machine.chip().flash.works;
         board.send(&ToBoard::SaveParameters).unwrap();
         let limit = board.machine.now() + 20_000_000;
-        if cut_after < 17 {
-            assert!(board.machine.run(limit, |chip| chip.flash.works > before + cut_after).unwrap());
-        } else {
-            board.run_cycles(8_000_000).unwrap();
+        let is_reached = board.machine.run(limit, |chip| match moment {
+            None => chip.usart.from_host.is_empty(),
+            Some((work, is_during)) => chip.flash.works > before + work && (is_during || !chip.flash.is_busy()),
+        });
+        assert!(is_reached.unwrap(), "cut {moment:?}");
+        assert_eq!(board.machine.chip().flash.works, before + moment.map_or(0, |(work, _)| work + 1), "cut {moment:?}");
+        // With the last word in place the new set is whole.
+        if moment == Some((16, false)) {
             kept = other;
         }
         board.machine.chip().request_reset(Reset::Pin);
         board.run_cycles(1000).unwrap();
         board.greet().unwrap();
-        assert_eq!(board.status().unwrap().fault, 0, "cut {cut_after}");
+        assert_eq!(board.status().unwrap().fault, 0, "cut {moment:?}");
         let Heard::Parameters(found) = board.ask(&ToBoard::GetParameters).unwrap() else { panic!("no parameters") };
-        assert_eq!(*found, kept, "cut {cut_after}");
+        assert_eq!(*found, kept, "cut {moment:?}");
     }
 }
 

@@ -63,9 +63,9 @@ fn assert_same_law(rows: &[Row], parameters: &Parameters, segments: &[Segment<'_
         controller.run().unwrap();
         let agrees = rows[begin..].iter().all(|row| {
             let command = if is_closed_loop {
-                Command::GeneratedReference(&generator)
+                Command::GeneratedReference(generator)
             } else {
-                Command::GeneratedDrive(&generator)
+                Command::GeneratedDrive(generator)
             };
             let measured_m = calibration.displacement_m(AdcCode(row.adc));
             calibration.dac_code(controller.tick(&Input { command, measured_m }).drive_v).0 == row.dac
@@ -81,8 +81,8 @@ fn assert_same_law(rows: &[Row], parameters: &Parameters, segments: &[Segment<'_
 #[test]
 fn the_closed_loop_repeats_and_is_the_law_bit_for_bit_and_keeps_its_instants() {
     let Some(mut board) = board() else { return };
-    // A million in `cargo xtask long`.
-    let samples = if std::env::var_os("HYSTERON_LONG").is_some() { 1_000_000 } else { 100_000 };
+    // Ten million, in one run, in tests/soak.rs.
+    let samples = 100_000;
     let run = |board: &mut VirtualBoard| {
         start(board, &[SINE], true);
         board.machine.forget_cost();
@@ -108,34 +108,6 @@ fn the_closed_loop_repeats_and_is_the_law_bit_for_bit_and_keeps_its_instants() {
     let second = std::mem::take(&mut again.machine.chip().rows);
     assert_eq!(hash(&rows[..second.len()]), hash(&second));
     println!("{compared} samples bit for bit, {:?}", board.machine.cost());
-}
-
-#[test]
-fn the_control_interrupt_runs_from_ccm_and_costs_what_is_stated() {
-    let Some(mut board) = board() else { return };
-    board.machine.forget_cost();
-    board.run_samples(1000).unwrap();
-    let idle = board.machine.cost();
-    start(&mut board, &[SINE], true);
-    board.run_samples(400).unwrap();
-    board.machine.forget_cost();
-    board.run_samples(2000).unwrap();
-    let running = board.machine.cost();
-    board.status().unwrap();
-    board.ask(&ToBoard::StreamStart { every: 1 }).unwrap();
-    board.machine.forget_cost();
-    board.run_samples(2000).unwrap();
-    let streaming = board.machine.cost();
-    let typical = running.total_instructions / running.count;
-    let stream = streaming.total_instructions / streaming.count;
-    println!("idle {idle:?}\nrunning {typical} {running:?}\nstreaming {stream} {streaming:?}");
-    assert_eq!((idle.from_flash, running.from_flash, streaming.from_flash), (0, 0, 0));
-    // Two-sided: cheaper by much would mean that something is no longer done. Exact counts of this image, +-10 % for another compiler.
-    assert!((260..=480).contains(&typical), "{typical}");
-    assert!(running.instructions.1 <= 640, "{:?}", running.instructions);
-    let status = board.status().unwrap();
-    // Nothing is anywhere near its deadline of 1890 cycles.
-    assert!((400..1500).contains(&status.ready_max_cycles), "{}", status.ready_max_cycles);
 }
 
 /// Runs `record` on the image with `parameters` and the same, as `spec`, in process: the same codes.
@@ -191,7 +163,7 @@ fn in_process(parameters: &Parameters, record: SegmentRecord, samples: usize) ->
         .map(|_| {
             let adc = calibration.adc_code(simulator.reading_m() as f32);
             let input =
-                Input { command: Command::GeneratedReference(&generator), measured_m: calibration.displacement_m(adc) };
+                Input { command: Command::GeneratedReference(generator), measured_m: calibration.displacement_m(adc) };
             let dac = calibration.dac_code(controller.tick(&input).drive_v);
             simulator.advance(Held::zero_order(f64::from(calibration.drive_v(dac))), 0.0);
             (adc.0, dac.0)
@@ -458,10 +430,11 @@ fn the_latch_is_exact_under_a_flood_of_log_and_full_traffic() {
     assert!(lines[10].starts_with("request "), "{}", lines[10]);
     let answers = board.unasked.iter().filter(|heard| matches!(heard, Heard::Status(_))).count();
     assert!(answers > 900, "{answers}");
-    // The deepest the stack ever was, under all of this: far from the data below it.
+    // The deepest the stack ever was, under all of this: a fifth of what there is (20 KB), below which is no memory.
     let image = support::image("nucleo-g474re").unwrap();
     let (used, there) = board.machine.stack_bytes(&image).unwrap();
-    assert!((1000..8000).contains(&used) && there > 4 * used, "{used} of {there} bytes");
+    println!("stack: {used} of {there} bytes");
+    assert!((3000..5000).contains(&used) && there == 20_480, "{used} of {there} bytes");
     // Once the flood is over the board answers as ever; requests that found no room were lost, and are counted.
     board.run_samples(1000).unwrap();
     board.send_bytes(&[0]);

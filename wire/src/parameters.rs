@@ -1,6 +1,6 @@
 //! Everything on a board that a user may set, as one set: checked together, put in force at one sample.
 
-use control_core::{Calibration, CalibrationSettings, Law, Settings, SettingsError};
+use control_core::{AdcCode, Calibration, CalibrationSettings, Law, Settings, SettingsError};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -163,14 +163,22 @@ pub struct Checked {
     pub monitor_tolerance_v: f32,
     /// See [`Parameters`].
     pub monitor_samples: u16,
-    /// See [`Parameters`].
-    pub rail_codes: u16,
+    /// The lowest code that is away from both rails, and how many there are from it on.
+    pub open_codes: (u16, u16),
     /// See [`Parameters`].
     pub overrun_limit: u16,
     /// Samples of silence that are a link loss; `u32::MAX` for never.
     pub link_timeout_samples: u32,
     /// 1 over [`crate::Identity::reference_step_m`].
     pub reference_steps_per_m: f32,
+}
+
+impl Checked {
+    /// Whether a code of the displacement's ADC is within [`Parameters::rail_codes`] of either end; one comparison.
+    #[inline(always)]
+    pub fn is_at_rail(&self, code: AdcCode) -> bool {
+        u32::from(code.0).wrapping_sub(u32::from(self.open_codes.0)) >= u32::from(self.open_codes.1)
+    }
 }
 
 impl Converters {
@@ -354,7 +362,7 @@ impl Parameters {
             monitor_zero_code,
             monitor_tolerance_v: self.monitor_tolerance_v,
             monitor_samples: self.monitor_samples,
-            rail_codes: self.rail_codes,
+            open_codes: calibration.open_codes(self.rail_codes),
             overrun_limit: self.overrun_limit,
             // The conversion saturates, so that infinity is never.
             link_timeout_samples: (self.link_timeout_s * self.rate_hz) as u32,

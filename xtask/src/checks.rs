@@ -76,10 +76,11 @@ pub fn fmt(project: &Project) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
-/// Lints of the library, the command, the tests and the examples, warnings denied.
+/// Lints of the library, the command, the tests, the examples and the flash images, warnings denied.
 pub fn clippy(project: &Project) -> Result<Outcome> {
     let args = ["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"];
-    passes(project.cargo().args(args))
+    passes(project.cargo().args(args))?;
+    firmware::clippy(project)
 }
 
 /// Documentation with private items: a dead link is an error.

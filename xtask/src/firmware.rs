@@ -13,7 +13,7 @@ fn folder(toolchain: Toolchain) -> &'static str {
     }
 }
 
-/// The files of `firmware/src/bin`.
+/// The files of `firmware/src/bin` that are boards.
 const BOARDS: [&str; 2] = ["nucleo-g474re", "external-16bit"];
 
 /// Builds every image. The last line is the folder they lie in, for who runs this.
@@ -34,6 +34,17 @@ pub fn build(project: &Project, wanted: Option<Toolchain>) -> Result<Outcome> {
     passes(&mut command)?;
     println!("firmware: {}", images(project, toolchain).display());
     Ok(Outcome::Passed)
+}
+
+/// Lints of the images, warnings denied; half a minute the first time. Debian's packages bring no clippy for the chip.
+pub fn clippy(project: &Project) -> Result<Outcome> {
+    if bare::choose_here(project, Some(Toolchain::Rustup))?.is_none() {
+        return Ok(Outcome::NotRun(format!("lints of the flash images: rustup has no {TARGET} here")));
+    }
+    let mut command = bare::command(project, Toolchain::Rustup);
+    command.args(["clippy", "--release", "--locked", "--manifest-path", "firmware/Cargo.toml"]);
+    command.args(["--target", TARGET, "--target-dir", folder(Toolchain::Rustup), "--", "-D", "warnings"]);
+    passes(&mut command)
 }
 
 /// Builds twice from nothing and compares the files byte for byte. In one folder, because debug information names it; what is flashed does

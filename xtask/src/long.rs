@@ -10,6 +10,11 @@ const PROPTEST_CASES: &str = "20000";
 
 const TASKS: &[Step] = &[
     Step { name: "tests", what: "every test in release, HYSTERON_LONG=1, 20000 cases per property", run: tests },
+    Step {
+        name: "board-1e7",
+        what: "1e7 samples of the flash image: none lost, none late, bit for bit the law's",
+        run: board,
+    },
     Step { name: "firmware-twice", what: "the flash images built twice, the same bytes", run: firmware::twice },
     Step {
         name: "replay-2gb",
@@ -49,6 +54,23 @@ fn tests(project: &Project) -> Result<Outcome> {
     let mut command = project.cargo();
     command.env("HYSTERON_LONG", "1").env("PROPTEST_CASES", cases);
     run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]))
+}
+
+/// 500 s of the time of a board that streams at full rate; 28 minutes on a busy machine, 2026-11-21.
+fn board(project: &Project) -> Result<Outcome> {
+    let mut command = project.cargo();
+    command.env("HYSTERON_BOARD_SAMPLES", "10000000");
+    run_tests(command.args([
+        "test",
+        "--release",
+        "--locked",
+        "-p",
+        "virtual-board",
+        "--test",
+        "soak",
+        "--",
+        "--nocapture",
+    ]))
 }
 
 #[cfg(test)]

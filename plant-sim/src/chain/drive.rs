@@ -1,6 +1,11 @@
 //! The drive: what stands between the controller's number and the volts on the actuator.
 
 use super::Lag;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Keeps the drive's draws apart from the sensor's, which has the same seed.
+const STREAM: u64 = 0x6472_6976_6500_0000;
 
 /// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, saturation, slew, lag, warming.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +28,8 @@ pub struct Drive {
     pub lag: Option<Lag>,
     /// A gain that changes as the actuator warms.
     pub warming: Option<Warming>,
-    /// Probability that a command never arrives and the one before stays.
+    /// Probability that a command never arrives and the one before stays. Acts where a controller writes its commands
+    /// ([`Arrivals`]), not where a log is replayed: no simulation can predict which ones were lost.
     pub lost_share: f64,
 }
 
@@ -53,6 +59,24 @@ pub enum Heat {
         /// Reference in V/s.
         volts_per_s: f64,
     },
+}
+
+/// What is random in a drive, at work: which commands arrive.
+pub struct Arrivals {
+    lost_share: f64,
+    noise: Pcg64,
+}
+
+impl Arrivals {
+    /// Arrivals determined by `seed`.
+    pub fn new(drive: &Drive, seed: u64) -> Self {
+        Self { lost_share: drive.lost_share.clamp(0.0, 1.0), noise: Pcg64::seed_from_u64(seed ^ STREAM) }
+    }
+
+    /// Whether the next command arrives; one draw a command.
+    pub fn next_arrives(&mut self) -> bool {
+        !(self.lost_share > 0.0 && self.noise.random_bool(self.lost_share))
+    }
 }
 
 impl Drive {

@@ -18,7 +18,7 @@ mod sensor;
 mod substep;
 mod waveform;
 
-pub use drive::{Drive, Heat, Warming};
+pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
 pub use sensor::{Drift, Line, Sensor, SensorState};

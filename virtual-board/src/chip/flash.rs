@@ -213,6 +213,11 @@ impl Flash {
         Ok(())
     }
 
+    /// Whether it erases or programs.
+    pub fn is_busy(&self) -> bool {
+        self.work.is_some()
+    }
+
     /// Puts two words into the second bank, as a programmer would.
     pub fn plant(&mut self, offset: u32, word: [u32; 2]) {
         self.words[(offset / 8) as usize] = word;

@@ -1,0 +1,69 @@
+//! `hysteron board serve`: the flash image on the virtual board, its line open to a host on TCP or on a pseudo-terminal.
+
+use crate::arguments::BoardServeCall;
+use crate::failure::Failure;
+use crate::output;
+use plant_sim::model::Model;
+use plant_sim::replay::Start;
+use virtual_board::serve::{Line, Pace, TcpLine, serve};
+use virtual_board::{BenchSettings, CORE_HZ, Image, VirtualBoard, step_cycles};
+use wire::{Converters, Parameters};
+
+/// Runs it.
+pub fn board_serve(call: &BoardServeCall) -> Result<(), Failure> {
+    let image = Image::read(&call.image).map_err(|error| Failure::file(error.to_string()))?;
+    let model = Model::read(&call.plant)?;
+    let has_external_converters = image.has_external_converters();
+    let (converters, parameters) = if has_external_converters {
+        (Converters::EXTERNAL_16BIT, Parameters::EXTERNAL_PI1)
+    } else {
+        (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
+    };
+    // The levels between pins and bench are those of the board's own defaults.
+    let checked = Parameters { rate_hz: call.rate as f32, ..parameters }
+        .check(&converters)
+        .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
+    let chain = model.chain();
+    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+    let bench = BenchSettings {
+        chain,
+        start: Start { state, drive_v },
+        calibration: checked.calibration,
+        seed: call.seed,
+        anti_alias_hz: call.anti_alias,
+        has_external_converters,
+    };
+    output::warn(&model.warnings());
+    let (mut line, place) = open(call)?;
+    let pace = if call.pace == "lockstep" { Pace::Lockstep } else { Pace::Real };
+    let mut board = VirtualBoard::new(&image, &bench, step_cycles(call.rate));
+    output::line(&format!("serving at {place}"));
+    let end = call.seconds.map(|seconds| (seconds * CORE_HZ) as u64);
+    serve(&mut board.machine, line.as_mut(), pace, |now| end.is_some_and(|end| now >= end))
+        .map_err(|error| Failure::hardware(format!("virtual board: {error}")))
+}
+
+/// The line, and where a host finds it.
+fn open(call: &BoardServeCall) -> Result<(Box<dyn Line>, String), Failure> {
+    if call.pty {
+        return pty();
+    }
+    let refused =
+        |error: std::io::Error| Failure::call(format!("--listen {}: {error}; name another address", call.listen));
+    let line = TcpLine::open(call.listen).map_err(refused)?;
+    let address = line.address().map_err(refused)?;
+    Ok((Box::new(line), address.to_string()))
+}
+
+#[cfg(unix)]
+fn pty() -> Result<(Box<dyn Line>, String), Failure> {
+    let line = virtual_board::serve::PtyLine::open()
+        .map_err(|error| Failure::call(format!("--pty: {error}; use --listen")))?;
+    let path = line.path().display().to_string();
+    Ok((Box::new(line), path))
+}
+
+#[cfg(not(unix))]
+fn pty() -> Result<(Box<dyn Line>, String), Failure> {
+    Err(Failure::call("--pty: this system has none; use --listen"))
+}
