@@ -6,6 +6,7 @@ use crate::output;
 use gap_diagnosis::score::Answer;
 use serde::{Deserialize, Serialize};
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Mutex;
@@ -19,7 +20,6 @@ const DONE: &str = "run.json";
 const ANSWER: &str = "diagnosis.json";
 /// Page of a case.
 pub const REPORT: &str = "report.html";
-const COMPLAINTS: &str = "complaints.txt";
 /// A diagnosis that takes longer than this has failed, and how often it is asked.
 const LONGEST: Duration = Duration::from_secs(30 * 60);
 const POLL: Duration = Duration::from_millis(20);
@@ -96,12 +96,19 @@ fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure
     }
     command.args(["--out", "answer"]).args(&input.arguments);
     let unwritable = |e| Failure::unwritable(folder, &e);
-    // Into a file: nobody reads a pipe while the diagnosis is waited for.
-    let complaints = folder.join(COMPLAINTS);
-    command.stderr(fs::File::create(&complaints).map_err(unwritable)?);
     let mut child = command
+        .stderr(Stdio::piped())
         .spawn()
         .map_err(|e| Failure::call(format!("{}: cannot be started: {e}; name another program", program.display())))?;
+    // Read beside the wait: a full pipe would stop the diagnosis.
+    let complaints = child.stderr.take().map(|mut pipe| {
+        std::thread::spawn(move || {
+            let mut said = Vec::new();
+            // What could not be read is not said.
+            let _ = pipe.read_to_end(&mut said);
+            said
+        })
+    });
     let mut status = child.try_wait().map_err(unwritable)?;
     while status.is_none() && started.elapsed() < LONGEST {
         std::thread::sleep(POLL);
@@ -127,7 +134,7 @@ fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure
         let _ = fs::rename(answer.join(REPORT), folder.join(REPORT));
         return Ok(Ran { exit_code, seconds, diagnosis_sha256: Some(sha256(&text)), said: None });
     }
-    let said = fs::read(&complaints).unwrap_or_default();
+    let said = complaints.and_then(|reader| reader.join().ok()).unwrap_or_default();
     let said = String::from_utf8_lossy(&said);
     let said: String = said.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(MOST_SAID).collect();
     let said = format!("{}: {}", status, if said.is_empty() { "no diagnosis.json" } else { &said });
