@@ -8,15 +8,17 @@ use super::judge::{Course, Explanation};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
 use super::random::{Random, beyond_stated, by_scatter};
+use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
-use crate::locate::{Trace, Where, locate, strongest};
+use crate::locate::{StagePart, Trace, Where, locate, strongest};
 use crate::residual::{Autocorrelation, LAGS, noise_rms};
-use plant_sim::effects::find;
+use plant_sim::effects::{Stage, find};
 use plant_sim::model::Model;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Schema of `diagnosis.json`.
 pub const SCHEMA: &str = "hysteron-diagnosis-1";
@@ -199,7 +201,8 @@ pub(super) fn answer(
     let classes = explanation.map(|top| classes(bench, course, top)).unwrap_or_default();
 
     say("locating", 0.94);
-    let location = located(benches, &three.refit);
+    let mut location = located(benches, &three.refit);
+    location.stages = stages(&course.leads);
     let location_after = located(benches, &three.augmented);
     let unexplained = unexplained(benches, &three.augmented, &location_after);
     say("choosing the next experiment", 0.96);
@@ -341,6 +344,19 @@ fn next(
         }
         _ => next_experiment(bench, course, explanation, open),
     }
+}
+
+/// The most promising lead of each stage, stages in the order of the signal.
+fn stages(leads: &[Lead]) -> Vec<StagePart> {
+    let mut best: BTreeMap<Stage, &Lead> = BTreeMap::new();
+    // Leads come most promising first.
+    leads.iter().for_each(|lead| _ = best.entry(lead.effect.stage()).or_insert(lead));
+    let part = |(stage, lead): (Stage, &Lead)| StagePart {
+        stage: stage.name(),
+        share_percent: (100.0 * lead.share).clamp(0.0, 100.0),
+        effect: lead.effect.id(),
+    };
+    best.into_iter().map(part).collect()
 }
 
 /// Where the residual of `played` lies, run-ins left out.

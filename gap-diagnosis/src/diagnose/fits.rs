@@ -15,14 +15,16 @@ pub(super) const HOPELESS: f64 = 0.1;
 /// Once a fit leaves less than this, only leads are followed that explain as much as its own.
 pub(super) const FOUND: f64 = 0.03;
 const AS_MUCH: f64 = 0.85;
-const MOST_FITS: usize = 8;
+const MOST_FITS: usize = 6;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
 /// An entry whose fit leaves more than this is tried in its other forms as well.
 const WELL: f64 = 0.01;
 /// A single explanation that leaves more than this invites a second effect.
 const PAIR_BEYOND: f64 = 0.06;
-/// .. which must take at least this much of what was left.
+/// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
+const AS_GOOD: f64 = 1.5;
+/// .. must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
 const START_SHARE: f64 = 0.4;
@@ -60,14 +62,19 @@ impl Fits<'_> {
     /// A second effect beside each of the two best.
     fn pairs(&self, singles: &[Candidate]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
-        for (number, first) in singles.iter().take(2).enumerate() {
+        let is_as_good = |fit: &&Candidate| self.left(fit) < AS_GOOD * self.left(&singles[0]);
+        for (number, first) in singles.iter().take(2).take_while(is_as_good).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
             let remainders = self.search.play(first);
             let seconds = self.search.screen(first, &remainders, &lines(self.search.bench, &remainders), self.without);
             for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
                 let pair = self.search.extend(first, lead, false);
+                let is_found = self.left(&pair) < FOUND || pair.chi < AT_NOISE;
                 if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
                     pairs.push(pair);
+                }
+                if is_found {
+                    return pairs;
                 }
             }
         }

@@ -73,6 +73,19 @@ pub struct Where {
     pub states: Vec<StateMap>,
     /// Numbers that say in words how the residual goes with the motion.
     pub character: Character,
+    /// Per stage of the chain, from the drive to the timing; empty where no registry was screened.
+    pub stages: Vec<StagePart>,
+}
+
+/// What one stage of the chain could explain. Stages overlap, so that these shares don't sum to 100 %.
+#[derive(Clone, Debug, Serialize)]
+pub struct StagePart {
+    /// Its name.
+    pub stage: &'static str,
+    /// The part of the reducible power that its most promising entry takes in a score test.
+    pub share_percent: f64,
+    /// That entry.
+    pub effect: &'static str,
 }
 
 /// One log's part of the gap.
@@ -127,6 +140,7 @@ pub fn locate(traces: &[Trace<'_>]) -> Where {
         segments: segments(traces),
         amplitudes,
         rates,
+        stages: Vec::new(),
         states: states::maps(traces, &motions),
         character: character::character(traces, &motions, &harmonics, &whole),
         harmonics,

@@ -2,7 +2,7 @@
 
 use super::number::{short_percent, three_digits};
 use super::{Axis, BarItem, BarList, HeatMap, HeatScale, Ink, Page, Strip};
-use crate::locate::{Harmonic, Power, StateMap, Where};
+use crate::locate::{Harmonic, Power, StagePart, StateMap, Where};
 
 /// Shares below this are left out of the lists of rates, of which most are empty.
 const LEAST_PERCENT: f64 = 0.05;
@@ -14,7 +14,7 @@ pub(super) fn location(page: &mut Page, before: &Where, after: Option<&Where>) {
          there would give by itself; a bar that outruns its pale one is a place where the gap lives.",
     );
     strips(page, before, after);
-    page.bar_lists(&[bands(before, after), character(before), amplitudes(before), rates(before)]);
+    page.bar_lists(&[bands(before, after), character(before), stages(before), amplitudes(before), rates(before)]);
     harmonics(page, before);
     maps(page, before, after);
 }
@@ -44,6 +44,23 @@ fn bands(before: &Where, after: Option<&Where>) -> BarList {
                 note: rms_note(&band.power, of_after(idx)),
             })
             .collect(),
+    }
+}
+
+fn stages(before: &Where) -> BarList {
+    let item = |part: &StagePart| BarItem {
+        label: part.stage.to_owned(),
+        percent: part.share_percent,
+        behind_percent: None,
+        note: part.effect.to_owned(),
+    };
+    BarList {
+        title: "Stage of the chain".to_owned(),
+        caption: "What the most promising entry of each stage could explain, by a score test; stages overlap."
+            .to_owned(),
+        ink: Ink::Model,
+        full_percent: Some(100.0),
+        items: before.stages.iter().map(item).collect(),
     }
 }
 
