@@ -1,6 +1,6 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
-use super::bench::{Bench, Freedom};
+use super::bench::Freedom;
 use super::evidence::{Judged, probabilities, unknown_score};
 use super::fits::{FOUND, Fits, HOPELESS};
 use super::lines::lines;
@@ -130,10 +130,11 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // Least fraction that a comparison of fits resolves.
     let floor = (RESOLVED / (refit.rows() as f64 * excess.max(1e-9))).sqrt().min(1.0);
     if !has_gap(&refit) {
-        let explanations = by_symmetry(bench, &refit, 0.0, floor, without, FREED_LEAST);
-        // Only the cost of the shifts speaks, and it is a proper chi-square.
+        let freed = freed(bench, &refit.hypothesis, &refit.found);
+        // Only the cost of the shifts speaks, and it is a proper chi-square; what the mass is off by is a shift as well.
+        let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
+        let explanations = by_symmetry(freed, &refit, 0.0, floor, without, FREED_LEAST);
         let mut scores: Vec<f64> = explanations.iter().map(|e| -0.5 * e.judged.prior_cost - LOOK_ELSEWHERE).collect();
-        let nothing = -0.5 * refit.found.prior_cost;
         let unknown = scores.iter().copied().fold(nothing, f64::max) - NO_UNKNOWN;
         scores.extend([nothing, unknown]);
         return judged(Course::new(refit, explanations, scattered), &scores);
@@ -153,7 +154,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     if let Some(best) = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi))
         && best.left(&refit, noise) < FOUND
     {
-        explanations.extend(by_symmetry(bench, best, best.left(&refit, noise), floor, without, FREED_BESIDES));
+        let freed = freed(bench, &best.hypothesis, &best.found);
+        explanations.extend(by_symmetry(freed, best, best.left(&refit, noise), floor, without, FREED_BESIDES));
     }
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();
@@ -215,14 +217,14 @@ fn by_scatter(
 
 /// Effects that the nominal numbers imitate, on top of `fit`.
 fn by_symmetry(
-    bench: &Bench<'_>,
+    freed: Vec<Freed>,
     fit: &Candidate,
     left: f64,
     floor: f64,
     without: &[&str],
     least: f64,
 ) -> Vec<Explanation> {
-    freed(bench, &fit.hypothesis, &fit.found)
+    freed
         .into_iter()
         .filter(|f| !without.contains(&f.effect) && f.gain() > least)
         .map(|freed| {

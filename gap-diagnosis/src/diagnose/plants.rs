@@ -145,7 +145,7 @@ pub(super) fn carry(
 
 /// Fits the start of log `index` to its first stretch, everything else held. Where rest does not lead to the noise, each hysteron in
 /// turn starts near either edge as well: dead zones make valleys of their own.
-fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
     let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis.freedom));
     if count == 0 {
         return;

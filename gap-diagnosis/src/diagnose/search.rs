@@ -4,7 +4,7 @@ use super::bench::{Bench, Freedom, Hypothesis};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::lines::resonances;
 use super::normal::reader;
-use super::plants::carry;
+use super::plants::{carry, settle};
 use super::screen::{Lead, screen};
 use super::symmetry::symmetric;
 use plant_sim::effects::Kind;
@@ -71,16 +71,25 @@ impl Search<'_> {
         self.descend(&hypothesis, z, &STAGES)
     }
 
-    /// The refit from another start: the first `attempt` looks on the other side of nominal, later ones where the priors allow. The better
-    /// of both.
+    /// The refit from another start: where the nominal numbers let the starts settle, then on the other side of nominal, then where the
+    /// priors allow. The better of both.
     pub fn refit_elsewhere(&self, refit: Candidate, attempt: u64) -> Candidate {
         let mut z = self.bench.origin(&refit.hypothesis);
         let mut random = Pcg64::seed_from_u64(attempt);
         for (i, free) in self.bench.free.iter().enumerate() {
             let draw: f64 = random.random_range(-1.5..1.5);
-            z[i] = if attempt == 0 { -refit.found.z[i] } else { free.prior_sigma * draw };
+            z[i] = match attempt {
+                0 => 0.0,
+                1 => -refit.found.z[i],
+                _ => free.prior_sigma * draw,
+            };
         }
-        let other = self.descend(&refit.hypothesis, z, &STAGES[2..]);
+        let mut stages = &STAGES[2..];
+        if attempt == 0 {
+            (0..self.bench.records.len()).for_each(|index| settle(self.bench, &refit.hypothesis, &mut z, index));
+            stages = &STAGES[STAGES.len() - 1..];
+        }
+        let other = self.descend(&refit.hypothesis, z, stages);
         if total(&other) < total(&refit) { other } else { refit }
     }
 

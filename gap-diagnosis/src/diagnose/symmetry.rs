@@ -50,7 +50,7 @@ pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<F
     let nominal = bench.free.len();
     let Some((information, gradient)) = reduced(bench, hypothesis, found, nominal) else { return Vec::new() };
     let z = DVector::from_column_slice(&found.z[..nominal]);
-    let prior = DVector::from_iterator(nominal, bench.free.iter().map(|free| free.prior_sigma.powi(-2)));
+    let Some(prior) = prior(bench) else { return Vec::new() };
     let mut all: Vec<Freed> = directions(bench)
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
@@ -65,6 +65,15 @@ pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<F
         .collect();
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     all
+}
+
+/// Inverse covariance of the nominal numbers under the priors. The mass is not among them: what it is off by shifts those along the
+/// payload's direction.
+fn prior(bench: &Bench<'_>) -> Option<DMatrix<f64>> {
+    let own = DVector::from_iterator(bench.free.len(), bench.free.iter().map(|free| free.prior_sigma.powi(2)));
+    let (_, _, payload) = directions(bench).into_iter().find(|(id, ..)| *id == "payload_mass")?;
+    let covariance = DMatrix::from_diagonal(&own) + &payload * payload.transpose() * bench.mass_sigma.powi(2);
+    covariance.cholesky().map(|factor| factor.inverse())
 }
 
 /// Data information and gradient of the nominal numbers once everything else is free to follow.
@@ -132,25 +141,25 @@ fn free_one(
     information: &DMatrix<f64>,
     gradient: &DVector<f64>,
     z: &DVector<f64>,
-    prior: &DVector<f64>,
+    prior: &DMatrix<f64>,
     direction: &DVector<f64>,
 ) -> Option<(f64, f64, f64, f64)> {
     let n = z.len();
     let cost = |d: &DVector<f64>, m: f64| {
         let away = z + d - direction * m;
-        -2.0 * gradient.dot(d) + d.dot(&(information * d)) + away.component_mul(&away).dot(prior)
+        -2.0 * gradient.dot(d) + d.dot(&(information * d)) + away.dot(&(prior * &away))
     };
-    let weighed = direction.component_mul(prior);
+    let weighed = prior * direction;
+    let pulled = prior * z;
     let mut a = DMatrix::zeros(n + 1, n + 1);
     let mut b = DVector::zeros(n + 1);
     for i in 0..n {
         for j in 0..n {
-            a[(i, j)] = information[(i, j)];
+            a[(i, j)] = information[(i, j)] + prior[(i, j)];
         }
-        a[(i, i)] += prior[i];
         a[(i, n)] = -weighed[i];
         a[(n, i)] = -weighed[i];
-        b[i] = gradient[i] - prior[i] * z[i];
+        b[i] = gradient[i] - pulled[i];
     }
     a[(n, n)] = weighed.dot(direction) * (1.0 + 1e-12);
     b[n] = weighed.dot(z);
