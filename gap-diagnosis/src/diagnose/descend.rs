@@ -17,7 +17,7 @@ pub const LAST_STAGES: [f64; 2] = [10.0, 0.0];
 const COARSE: f64 = 0.02;
 const FINE: f64 = 2e-5;
 /// The same of a last stage that stays above this mean square, in units of the noise: it is not what it looks for.
-const ROUGH: f64 = 5e-3;
+const ROUGH: f64 = 1e-3;
 const FAR: f64 = 2.0;
 /// Share of its prior's width that a start has before the last stage.
 const HELD: f64 = 0.02;

@@ -11,7 +11,7 @@ use super::symmetry::{Freed, freed};
 use plant_sim::effects::{Effect, Form, find};
 
 /// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
-const LEAST_GAP: f64 = 0.35;
+const LEAST_GAP: f64 = 0.4;
 /// Chi-square that a comparison of two fits resolves.
 const RESOLVED: f64 = 20.0;
 /// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.

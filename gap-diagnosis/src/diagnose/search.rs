@@ -71,6 +71,11 @@ impl Search<'_> {
         self.descend(&hypothesis, z, &STAGES)
     }
 
+    /// Fits the start of every log, everything else held.
+    fn settle(&self, hypothesis: &Hypothesis, z: &mut [f64]) {
+        (0..self.bench.records.len()).for_each(|index| settle(self.bench, hypothesis, z, index));
+    }
+
     /// The refit from another start: where the nominal numbers let the starts settle, then on the other side of nominal, then where the
     /// priors allow. The better of both.
     pub fn refit_elsewhere(&self, refit: Candidate, attempt: u64) -> Candidate {
@@ -86,7 +91,7 @@ impl Search<'_> {
         }
         let mut stages = &STAGES[2..];
         if attempt == 0 {
-            (0..self.bench.records.len()).for_each(|index| settle(self.bench, &refit.hypothesis, &mut z, index));
+            self.settle(&refit.hypothesis, &mut z);
             stages = &STAGES[STAGES.len() - 1..];
         }
         let other = self.descend(&refit.hypothesis, z, stages);
@@ -96,12 +101,13 @@ impl Search<'_> {
     /// `base` with the form of `lead`, fitted from there.
     pub fn extend(&self, base: &Candidate, lead: &Lead, from_nominal: bool) -> Candidate {
         let hypothesis = base.hypothesis.with(lead.effect, lead.form, &self.bench.scales());
-        let mut z = if lead.form.kind == Kind::Start {
-            // What the refit made of the starts is what the effect is about.
-            self.bench.origin(&hypothesis)
-        } else {
-            carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true)
-        };
+        if lead.form.kind == Kind::Start {
+            // What the refit made of the starts is what the effect is about: they are found anew, log by log.
+            let mut z = self.bench.origin(&hypothesis);
+            self.settle(&hypothesis, &mut z);
+            return self.descend(&hypothesis, z, &LAST_STAGES);
+        }
+        let mut z = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
