@@ -16,6 +16,7 @@ pub mod phs;
 pub mod replay;
 mod resample;
 pub mod spec;
+pub mod stability;
 mod toml_file;
 mod toml_layout;
 

@@ -56,6 +56,7 @@ pub use suggest::{Suggestion, nearest_stable};
 
 use curve::{CriticalGain, Curve};
 use sampled::SampledLoop;
+pub(crate) use sampled::balance;
 
 /// Below this gain margin a loop is worth a warning: half the gain is a usual allowance for a plant that differs from its model
 /// (chosen).
