@@ -145,7 +145,7 @@ fn plants_that_are_none() {
     );
     bench.bad_plant(
         ("[structure]\n", "[strukture]\n"),
-        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `sensor`, `effect`, `rig`, `initial_state`, `fit`",
+        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `hysteresis`, `state_space`, `transfer_function`, `sensor`, `effect`, `rig`, `initial_state`, `fit`",
     );
     bench.bad_plant(("[structure]\n", "[structure\n"), "@/bad.toml, line 23: unclosed table, expected `]`");
     bench.bad_plant(

@@ -2,11 +2,13 @@
 //!
 //! Host only, f64, SI units inside. What it does not do: fitting, judging or drawing (`gap-diagnosis`), and opening ports.
 
+pub mod bouc_wen;
 pub mod chain;
 pub mod controller;
 pub mod effects;
 pub mod exact;
 pub mod experiment;
+pub mod linear;
 pub mod log;
 pub mod margins;
 pub mod metrics;

@@ -272,6 +272,9 @@ pub enum MarginError {
         /// Its label.
         region: String,
     },
+    /// A plant without mass or lag has no dynamics that a loop could be assessed with.
+    #[error("the plant has no dynamics: a static model has no margins; use a plant with a mass")]
+    Massless,
     /// No regions to assess.
     #[error("there is no region to assess")]
     NoRegion,

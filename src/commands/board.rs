@@ -65,7 +65,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         let settings = Controller::read(path)?.settings(call.rate);
         Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
         let law = sampled_loop(&settings, call.rate, LATENCY_S + chain.drive.delay_s);
-        let assessment = assess(&chain.plant.linear_regions()?, &law)?;
+        let assessment = assess(&chain.linear_regions()?, &law)?;
         match assessment.verdict {
             Verdict::Unstable { .. } => return Err(Failure::call(assessment.to_string())),
             Verdict::BelowSixDb { .. } => warnings.push(assessment.to_string()),

@@ -152,7 +152,7 @@ fn stability(
     settings: &control_core::Settings,
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
-    let regions = chain.plant.linear_regions()?;
+    let regions = chain.linear_regions()?;
     let law = sampled_loop(settings, call.rate, delay_s(call) + chain.drive.delay_s);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
-use plant_sim::model::{ActuatorSection, HysteronSection, Kind, Model, SCHEMA, StructureSection};
+use plant_sim::model::{ActuatorSection, HysteronSection, Model, StructureSection};
 use plant_sim::param::{ASSUMED_MASS_SIGMA, Param};
 use plant_sim::replay::{Start, predict};
 
@@ -69,10 +69,6 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
             }
         };
         Model {
-            schema: SCHEMA.into(),
-            name: format!("identified from {}", log.name),
-            kind: Kind::Phs,
-            drive: Default::default(),
             actuator: ActuatorSection {
                 transduction_c_per_m: assumed(alpha),
                 hysterons: (0..hysterons).map(section).collect(),
@@ -82,11 +78,7 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
                 damping_n_s_per_m: assumed(2.0 * damping_ratio * mass_kg * turning),
                 stiffness_n_per_m: assumed(stiffness),
             },
-            sensor: Default::default(),
-            rig: None,
-            effects: Vec::new(),
-            initial_state: None,
-            fit: None,
+            ..Model::empty(&format!("identified from {}", log.name))
         }
     };
     match resonance(log, run_in, looks, &|hz, damping| plant(hz, damping, 0).chain()) {
