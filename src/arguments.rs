@@ -43,6 +43,8 @@ pub enum Command {
     Effects(EffectsCall),
     /// The diagnosis tested on cases whose effect is withheld: writes a score and a page
     BlindCheck(BlindCheckCall),
+    /// The thesis' tables and figures, printed beside recomputed, with its errata: writes a page
+    Reproduce(ReproduceCall),
     /// The flash image on the virtual board
     #[command(subcommand)]
     Board(BoardCommand),
@@ -65,6 +67,7 @@ impl Command {
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
             Command::Board(BoardCommand::Serve(_)) => None,
+            Command::Reproduce(call) => Some((None, &call.out)),
             // A diagnosis and a blind check write into a directory.
             Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
         }
@@ -90,7 +93,7 @@ impl Command {
                 let own = [&call.plant].into_iter().chain(&call.controller);
                 own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
-            Command::Effects(_) | Command::BlindCheck(_) => Vec::new(),
+            Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) => Vec::new(),
         }
     }
 }
@@ -277,6 +280,20 @@ pub struct EffectsCall {
     /// Print the whole registry as Markdown: docs/effects.md
     #[arg(long, conflicts_with = "id")]
     pub markdown: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Example:
+  hysteron reproduce --out thesis.html
+takes some ten seconds. Exit code 4 if a number comes out otherwise and is no
+known erratum.")]
+pub struct ReproduceCall {
+    /// Page to write
+    #[arg(long, value_name = "PAGE.html", default_value = "report.html")]
+    pub out: PathBuf,
+    /// Print every number as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args)]

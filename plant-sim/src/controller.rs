@@ -85,7 +85,27 @@ impl Controller {
     /// # Errors
     /// One line naming file, key and what to do.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let controller: Self = toml_file::read(path, SCHEMA)?;
+        toml_file::read(path, SCHEMA).and_then(|controller: Self| controller.valid(path))
+    }
+
+    /// The same from a text that `path` names in errors.
+    ///
+    /// # Errors
+    /// As [`Controller::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        toml_file::parse(text, path, SCHEMA).and_then(|controller: Self| controller.valid(path))
+    }
+
+    /// Writes the controller, whole or not at all.
+    ///
+    /// # Errors
+    /// The file that could not be written.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        toml_file::write(path, self)
+    }
+
+    fn valid(self, path: &Path) -> Result<Self, FileError> {
+        let controller = self;
         let invalid = |reason: String| FileError::Invalid { path: path.to_owned(), reason };
         let guarded = [controller.limits.is_some(), controller.reference.is_some(), controller.guard.is_some()];
         if controller.unlimited && guarded.contains(&true) {

@@ -15,6 +15,7 @@ pub mod metrics;
 pub mod model;
 pub mod param;
 pub mod phs;
+pub mod reduce;
 pub mod replay;
 mod resample;
 pub mod spec;

@@ -230,9 +230,20 @@ impl Model {
     /// # Errors
     /// One line naming file, key and what to do.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let model: Self = toml_file::read(path, SCHEMA)?;
-        model.validate().map_err(|reason| FileError::Invalid { path: path.to_owned(), reason })?;
-        Ok(model)
+        toml_file::read(path, SCHEMA).and_then(|model: Self| model.valid(path))
+    }
+
+    /// The same from a text that `path` names in errors.
+    ///
+    /// # Errors
+    /// As [`Model::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        toml_file::parse(text, path, SCHEMA).and_then(|model: Self| model.valid(path))
+    }
+
+    fn valid(self, path: &Path) -> Result<Self, FileError> {
+        self.validate().map_err(|reason| FileError::Invalid { path: path.to_owned(), reason })?;
+        Ok(self)
     }
 
     /// Writes the model, whole or not at all.

@@ -9,6 +9,7 @@ mod effects;
 mod identify;
 mod logs;
 mod replay;
+mod reproduce;
 mod simulate;
 
 use crate::arguments::{Arguments, BoardCommand, Command};
@@ -25,6 +26,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Effects(call)) => effects::effects(call),
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
         Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
+        Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }
