@@ -43,6 +43,8 @@ pub enum Command {
     Effects(EffectsCall),
     /// The diagnosis tested on cases whose effect is withheld: writes a score and a page
     BlindCheck(BlindCheckCall),
+    /// A controller from a wish, or --check of one: margins, poles, pictures: writes a controller file and a page
+    Design(DesignCall),
     /// The thesis' tables and figures, printed beside recomputed, with its errata: writes a page
     Reproduce(ReproduceCall),
     /// The flash image on the virtual board
@@ -68,6 +70,7 @@ impl Command {
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
             Command::Board(BoardCommand::Serve(_)) => None,
             Command::Reproduce(call) => Some((None, &call.out)),
+            Command::Design(call) => Some((Some(&call.show), &call.out)),
             // A diagnosis and a blind check write into a directory.
             Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
         }
@@ -87,6 +90,7 @@ impl Command {
                 own.chain(files).map(PathBuf::as_path).collect()
             }
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
+            Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
             Command::Diagnose(call) => {
@@ -280,6 +284,60 @@ pub struct EffectsCall {
     /// Print the whole registry as Markdown: docs/effects.md
     #[arg(long, conflicts_with = "id")]
     pub markdown: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron design --plant models/thesis-phs.toml --rate 40000 \\
+    --settle-ms 5 --overshoot 2 --gain-margin-db 6 --out own.toml
+  hysteron design --plant models/thesis-phs.toml --rate 40000 --inverse \\
+    --settle-ms 5 --overshoot 2 --track --out own-inverse.toml
+  hysteron design --check --plant models/thesis-phs.toml \\
+    --controller controllers/pi1.toml --rate 20000 --out check.json
+Limits and shaping are those of --controller, or of controllers/pi1.toml
+within the plant's [rig].")]
+pub struct DesignCall {
+    /// Check the controller instead of designing one; --out gets the findings as JSON
+    #[arg(long, requires = "controller")]
+    pub check: bool,
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Controller to check, or whose limits and shaping the design takes
+    #[arg(long, value_name = "C.toml")]
+    pub controller: Option<PathBuf>,
+    /// Samples per second
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// From sampling to the new drive, any real number of microseconds
+    #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative, allow_negative_numbers = true)]
+    pub delay_us: f64,
+    /// Wish: time until a step stays within 2 %, its shaping included
+    #[arg(long, value_name = "MS", default_value = "5", value_parser = positive, allow_negative_numbers = true)]
+    pub settle_ms: f64,
+    /// Wish: most overshoot of that step, in percent
+    #[arg(long, value_name = "PERCENT", default_value = "2", value_parser = not_negative, allow_negative_numbers = true)]
+    pub overshoot: f64,
+    /// Height of that step
+    #[arg(long, value_name = "UM", default_value = "80", value_parser = positive, allow_negative_numbers = true)]
+    pub step_um: f64,
+    /// Wish: least gain margin, up or down
+    #[arg(long, value_name = "DB", default_value = "6", value_parser = not_negative, allow_negative_numbers = true)]
+    pub gain_margin_db: f64,
+    /// Wish: least phase margin
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = not_negative, allow_negative_numbers = true)]
+    pub phase_margin_deg: f64,
+    /// Feedforward that inverts the plant, hysterons included; simulation only so far, boards refuse it
+    #[arg(long)]
+    pub inverse: bool,
+    /// Also run 80 um sines of 1 to 150 Hz through the loop: rms error
+    #[arg(long)]
+    pub track: bool,
+    /// Controller file to write, or findings with --check
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub show: Show,
 }
 
 #[derive(Args)]

@@ -245,7 +245,7 @@ fn controllers_that_are_none() {
     );
     bench.bad_controller(
         ("[limits]", "[limit]"),
-        "@/bad.toml, line 9: unknown field `limit`, expected one of `schema`, `name`, `kp_V_per_m`, `ki_V_per_m_s`, `feedforward_V_per_m`, `unlimited`, `limits`, `reference`, `guard`",
+        "@/bad.toml, line 9: unknown field `limit`, expected one of `schema`, `name`, `kp_V_per_m`, `ki_V_per_m_s`, `feedforward_V_per_m`, `unlimited`, `limits`, `reference`, `guard`, `inverse`, `design`",
     );
     bench.bad_controller(
         ("schema = ", "unlimited = true\nschema = "),

@@ -23,7 +23,7 @@ fn no_number_is_left_unexplained() {
     assert!(differ.is_empty(), "\n{}", differ.join("\n"));
     let count = |is: fn(&Verdict) -> bool| FOUND.count(is);
     // A verdict that no entry gets any more is a lost chapter.
-    assert!(count(|v| *v == Verdict::Agrees) >= 50);
+    assert!(count(|v| *v == Verdict::Agrees) >= 70);
     assert_eq!(count(|v| *v == Verdict::Within), 90);
     assert!(count(|v| *v == Verdict::Given) == 5);
 }

@@ -5,6 +5,7 @@
 pub mod bouc_wen;
 pub mod chain;
 pub mod controller;
+pub mod design;
 pub mod effects;
 pub mod exact;
 pub mod experiment;

@@ -349,6 +349,36 @@ pub fn margins(region: &LinearRegion, law: &Loop) -> Result<Margins, MarginError
     })
 }
 
+/// The open loop L, broken at the error, at each of `hz`, all above zero and at most half the rate.
+///
+/// # Errors
+/// As [`margins`].
+pub fn open_loop(region: &LinearRegion, law: &Loop, hz: &[f64]) -> Result<Vec<Complex<f64>>, MarginError> {
+    check_loop(law)?;
+    check_region(region)?;
+    let too_stiff = || MarginError::TooStiff { region: region.label.clone(), rate_hz: law.rate_hz };
+    let sampled = SampledLoop::new(region, law).ok_or_else(too_stiff)?;
+    let angle = |hz: f64| (std::f64::consts::TAU * hz / law.rate_hz).min(std::f64::consts::PI);
+    Ok(hz.iter().map(|&hz| sampled.open_loop(angle(hz))).collect())
+}
+
+/// Eigenvalues z of the closed loop with both gains multiplied by `gain`.
+///
+/// # Errors
+/// As [`margins`].
+pub fn closed_loop_poles(region: &LinearRegion, law: &Loop, gain: f64) -> Result<Vec<Complex<f64>>, MarginError> {
+    check_loop(law)?;
+    check_region(region)?;
+    let samples = law.delay_s * law.rate_hz;
+    if samples > MAX_DELAY_SAMPLES {
+        return Err(MarginError::DelayTooLong { samples, limit: MAX_DELAY_SAMPLES });
+    }
+    let too_stiff = || MarginError::TooStiff { region: region.label.clone(), rate_hz: law.rate_hz };
+    let sampled = SampledLoop::new(region, law).ok_or_else(too_stiff)?;
+    let none = || MarginError::NoEigenvalues { region: region.label.clone() };
+    sampled.closed_loop_eigenvalues(gain).ok_or_else(none)
+}
+
 /// Margins in every region, the worst of each, and a verdict.
 pub fn assess(regions: &[LinearRegion], law: &Loop) -> Result<Assessment, MarginError> {
     let regions: Vec<Margins> = regions.iter().map(|region| margins(region, law)).collect::<Result<_, _>>()?;

@@ -4,6 +4,7 @@ mod blind_check;
 mod board;
 mod board_serve;
 mod demo;
+mod design;
 mod diagnose;
 mod effects;
 mod identify;
@@ -26,6 +27,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Effects(call)) => effects::effects(call),
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
         Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
+        Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }

@@ -10,6 +10,7 @@
 
 mod bars;
 mod chart;
+mod design;
 mod diagnosis;
 mod heat;
 mod identify;
@@ -26,6 +27,7 @@ use std::path::Path;
 
 pub use bars::{BarItem, BarList, Share};
 pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
+pub use design::{BodeView, DesignView, PlaneView, TableView, design_page, pole};
 pub use diagnosis::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
     ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,

@@ -23,7 +23,8 @@ pub(super) fn facts(thesis: &Thesis) -> Vec<Entry> {
     let gain = plant.static_gain_m_per_v();
     let place = "Table 2.1";
     let of = |what: &str, printed: &str, ours: f64, unit: &'static str| Entry::digits(place, what, printed, ours, unit);
-    let mut entries = vec![
+    let mut entries = parameters(thesis);
+    entries.extend([
         of("time constant C/beta of hysteron 1", "0.940", first.capacitance_f / first.slope_s * 1e6, "us"),
         of("time constant C/beta of hysteron 2", "4.52", second.capacitance_f / second.slope_s * 1e3, "ms"),
         of("stiffness of hysteron 1 inside its dead zone", "3801", spring(first.capacitance_f), "N/m"),
@@ -35,7 +36,7 @@ pub(super) fn facts(thesis: &Thesis) -> Vec<Entry> {
         of("volts for 120 um from rest, quasi-static", "75.3", volts_from_rest(&chain, 120e-6), "V"),
         of("from rest, 64 V reaches", "98.7", slow(&chain, &[0.0, 64.0]) * 1e6, "um"),
         of("64 V there and back leaves", "7.5", slow(&chain, &[0.0, 64.0, 0.0]) * 1e6, "um"),
-    ];
+    ]);
     let linear = plant.linear_region(&[true, true]).map(|region| poles(&region.a)).unwrap_or_default();
     let pole = |i: usize| linear.get(i).copied().unwrap_or_default();
     entries.extend([
@@ -51,6 +52,39 @@ pub(super) fn facts(thesis: &Thesis) -> Vec<Entry> {
         symmetry("payload 5 % = (k, b, alpha, C, beta)/(1 + m)", payload_symmetry(&chain)),
     ]);
     entries
+}
+
+/// Tables 2.1 and 2.2 as the model files hold them.
+fn parameters(thesis: &Thesis) -> Vec<Entry> {
+    let plant = thesis.phs.chain().plant;
+    let (first, second) = (&plant.hysterons[0], &plant.hysterons[1]);
+    let bouc_wen = thesis.bouc_wen.chain();
+    let law = thesis.bouc_wen.hysteresis.law(thesis.bouc_wen.kind);
+    let force_n = bouc_wen.parts.transducer.map_or(f64::NAN, |part| part.force_n);
+    let of = |table: &str, what: &str, printed: &str, ours: f64, unit: &'static str| {
+        Entry::digits(table, &format!("{what}, in the model file"), printed, ours, unit)
+    };
+    let [phs, bw] = ["Table 2.1", "Table 2.2"];
+    vec![
+        of(phs, "M", "1.0148e-3", plant.mass_kg, "kg"),
+        of(phs, "k", "24579", plant.stiffness_n_per_m, "N/m"),
+        of(phs, "b", "3.7356", plant.damping_n_s_per_m, "N s/m"),
+        of(phs, "C1", "5.6425e-7", first.capacitance_f, "F"),
+        of(phs, "C2", "5.2125e-7", second.capacitance_f, "F"),
+        of(phs, "alpha", "0.046311", plant.transduction_c_per_m, "C/m"),
+        of(phs, "slope beta1", "0.6002", first.slope_s, "S"),
+        of(phs, "slope beta2", "1.1528e-4", second.slope_s, "S"),
+        of(phs, "d1", "14.5126", first.dead_zone_v, "V"),
+        of(phs, "d2", "8.6838", second.dead_zone_v, "V"),
+        of(bw, "M", "9.4023e-4", bouc_wen.plant.mass_kg, "kg"),
+        of(bw, "b", "5.2", bouc_wen.plant.damping_n_s_per_m, "N s/m"),
+        of(bw, "k", "24579", bouc_wen.plant.stiffness_n_per_m, "N/m"),
+        of(bw, "A", "0.008743", law.amplitude, "1/V"),
+        of(bw, "beta", "0.00637", law.beta, "1/V"),
+        of(bw, "gamma", "0.0144905", law.gamma, "1/V"),
+        of(bw, "Kv", "0.048676", bouc_wen.plant.transduction_c_per_m, "N/V"),
+        of(bw, "Kh", "1.9767", force_n, "N"),
+    ]
 }
 
 /// Displacement at the end of slow ramps between `levels_v`, one after the other, from the relaxed state.
