@@ -2,6 +2,7 @@
 
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
+use gap_diagnosis::identify::tfest::MOST_ORDER;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
@@ -92,7 +93,9 @@ impl Command {
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
             Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
-            Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
+            Command::Identify(call) => {
+                call.plant.iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
+            }
             Command::Diagnose(call) => {
                 let own = [&call.plant].into_iter().chain(&call.controller);
                 own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
@@ -190,11 +193,28 @@ pub struct ReplayCall {
 #[command(after_help = "Example:
   hysteron identify --model phs --hysterons auto bench.csv \\
     --columns time=t_s,command=u_V,displacement=y_um \\
-    --run-in 2 --out fitted.toml")]
+    --run-in 2 --out fitted.toml
+Example, which kind of model explains the logs best:
+  hysteron identify --compare steps.csv sines.csv --held-out other.csv \\
+    --out best.toml")]
 pub struct IdentifyCall {
-    /// Model to fit
-    #[arg(long, value_name = "KIND", value_parser = ["phs"])]
-    pub model: String,
+    /// Model to fit: phs (hysterons), linear (hysterons without dead zones), bouc-wen, bouc-wen-static, transfer-function
+    #[arg(
+        long,
+        value_name = "KIND",
+        value_parser = ["phs", "linear", "bouc-wen", "bouc-wen-static", "transfer-function"],
+        required_unless_present = "compare"
+    )]
+    pub model: Option<String>,
+    /// Fit every kind and rank them by what was never fitted: --held-out logs, or the last 30 % of each log; --out gets the best
+    #[arg(long, conflicts_with_all = ["model", "hysterons"])]
+    pub compare: bool,
+    /// With --compare: logs that are never fitted
+    #[arg(long, value_name = "LOG", num_args = 1.., requires = "compare")]
+    pub held_out: Vec<PathBuf>,
+    /// Poles and zeros of a transfer function, such as 4,3; where not given, the order that the logs call for
+    #[arg(long, value_name = "N,M", value_parser = order)]
+    pub order: Option<(usize, usize)>,
     /// Number of hysterons, or auto: as many as the logs call for
     #[arg(long, value_name = "N|auto", value_parser = hysterons, conflicts_with = "plant", default_value = "auto")]
     pub hysterons: Hysterons,
@@ -599,6 +619,14 @@ fn pair(text: &str) -> Result<(String, String), String> {
 fn factor(text: &str) -> Result<(String, f64), String> {
     let (name, value) = pair(text)?;
     Ok((name, number(&value)?))
+}
+
+fn order(text: &str) -> Result<(usize, usize), String> {
+    let pair = text.split_once(',').and_then(|(n, m)| Some((n.trim().parse().ok()?, m.trim().parse().ok()?)));
+    match pair {
+        Some((n, m)) if (1..=MOST_ORDER).contains(&n) && m < n => Ok((n, m)),
+        _ => Err(format!("poles and fewer zeros, such as 4,3; at most {MOST_ORDER} poles")),
+    }
 }
 
 fn hysterons(text: &str) -> Result<Hysterons, String> {

@@ -574,8 +574,8 @@ fn wrong_calls_are_one_line_too() {
         "nothing to drive with: give --controller and --reference, or --command",
     );
     refused(
-        "identify --model bouc-wen @/good.csv --out @/f.toml",
-        "invalid value 'bouc-wen' for '--model <KIND>' [possible values: phs]; see `hysteron identify --help`",
+        "identify --model maxwell @/good.csv --out @/f.toml",
+        "invalid value 'maxwell' for '--model <KIND>' [possible values: phs, linear, bouc-wen, bouc-wen-static, transfer-function]; see `hysteron identify --help`",
     );
     // An argument with line breaks and escapes makes neither.
     let output = hysteron(["simulate\n\u{1b}[31m", "x"]);

@@ -3,6 +3,7 @@
 mod blind_check;
 mod board;
 mod board_serve;
+mod compare;
 mod demo;
 mod design;
 mod diagnose;

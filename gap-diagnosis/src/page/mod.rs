@@ -10,6 +10,7 @@
 
 mod bars;
 mod chart;
+mod compare;
 mod design;
 mod diagnosis;
 mod heat;
@@ -27,6 +28,7 @@ use std::path::Path;
 
 pub use bars::{BarItem, BarList, Share};
 pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
+pub use compare::{CompareView, ComparedModel, compare_page};
 pub use design::{BodeView, DesignView, PlaneView, TableView, design_page, pole};
 pub use diagnosis::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
