@@ -32,7 +32,7 @@ pub struct Trend {
     pub fit_percent: Vec<f64>,
     /// The third period of each sine: volts, then micrometres of the hysterons and of Bouc-Wen.
     pub periods: Vec<[Vec<f64>; 3]>,
-    /// A step of [`AMPLITUDE_V`]: seconds, then micrometres of both.
+    /// A step of 60 V: seconds, then micrometres of both.
     pub step: [Vec<f64>; 3],
 }
 
