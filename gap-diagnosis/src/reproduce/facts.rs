@@ -4,6 +4,7 @@ use super::{Entry, Thesis};
 use plant_sim::chain::Chain;
 use plant_sim::linear::poles;
 use plant_sim::log::Log;
+use plant_sim::metrics::rms;
 use plant_sim::phs::Phs;
 use plant_sim::replay::{Start, predict};
 use std::f64::consts::TAU;
@@ -51,7 +52,37 @@ pub(super) fn facts(thesis: &Thesis) -> Vec<Entry> {
         symmetry("drive gain 1.05 = the same with d/g", drive_symmetry(&chain)),
         symmetry("payload 5 % = (k, b, alpha, C, beta)/(1 + m)", payload_symmetry(&chain)),
     ]);
+    entries.push(symmetry("d1 wider by a tenth, at 40 V, where it stays shut", invisible_dead_zone(&chain)));
+    let [least, most] = beta1_doubled_nm(&chain);
+    let what =
+        format!("beta1 doubled moves sines of unstated amplitude by at least (64 V, 1 to 150 Hz: {least:.2} nm rms)");
+    entries.push(Entry::given("Section 1.4", &what, "0.06", "nm"));
+    let what = format!("and at most (64 V, 1 to 150 Hz: {most:.2} nm rms)");
+    entries.push(Entry::given("Section 1.4", &what, "2.4", "nm"));
     entries
+}
+
+/// Change of the displacement by a wider first dead zone while it stays shut, in percent of full scale.
+fn invisible_dead_zone(chain: &Chain) -> f64 {
+    let mut other = chain.clone();
+    other.plant.hysterons[0].dead_zone_v *= 1.1;
+    let log = log((0..4000).map(|k| 40.0 * (TAU * 20.0 * f64::from(k) / RATE_HZ).sin()).collect());
+    let [a, b] = [chain, &other].map(|chain| predict(chain, &log, &Start::relaxed(chain), log.len()));
+    let full = a.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    100.0 * a.iter().zip(&b).fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) / full
+}
+
+/// Least and largest rms change of 64 V sines by twice the slope of hysteron 1, nanometres.
+fn beta1_doubled_nm(chain: &Chain) -> [f64; 2] {
+    let mut other = chain.clone();
+    other.plant.hysterons[0].slope_s *= 2.0;
+    let moved = [1.0, 10.0, 50.0, 100.0, 150.0].map(|hz: f64| {
+        let rows = (2.0 * RATE_HZ / hz) as usize;
+        let log = log((0..rows).map(|k| 64.0 * (TAU * hz * k as f64 / RATE_HZ).sin()).collect());
+        let [a, b] = [chain, &other].map(|chain| predict(chain, &log, &Start::relaxed(chain), log.len()));
+        1e9 * rms(a.iter().zip(&b).map(|(a, b)| a - b))
+    });
+    [moved.iter().copied().fold(f64::INFINITY, f64::min), moved.iter().copied().fold(0.0, f64::max)]
 }
 
 /// Tables 2.1 and 2.2 as the model files hold them.
