@@ -14,7 +14,7 @@
 //! on the *rates* g_i = beta_i/C_i in 1/s. The print compares the slopes beta_i in siemens, which are smaller by C, seven orders of
 //! magnitude. With the units right no Q can do: deep inside its dead zone (theta = 1) a hysteron keeps its charge for ever, the loop
 //! has an eigenvalue 0, and no quadratic function of all the states falls. [`Proposition::best_share`] is how far a search gets, as a share
-//! of the dead zone's whole effect; below 1 nothing is proven. What can be proven is [`super::certify`]'s business.
+//! of the dead zone's whole effect; below 1 nothing is proven. What can be proven is [`super::certify()`]'s business.
 
 use super::compass::compass;
 use super::lyapunov::{Solution, lyapunov};
