@@ -2,6 +2,7 @@
 
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
+use gap_diagnosis::identify::tfest::MOST_ORDER;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
@@ -43,6 +44,10 @@ pub enum Command {
     Effects(EffectsCall),
     /// The diagnosis tested on cases whose effect is withheld: writes a score and a page
     BlindCheck(BlindCheckCall),
+    /// A controller from a wish, or --check of one: margins, poles, pictures: writes a controller file and a page
+    Design(DesignCall),
+    /// The thesis' tables and figures, printed beside recomputed, with its errata: writes a page
+    Reproduce(ReproduceCall),
     /// The flash image on the virtual board
     #[command(subcommand)]
     Board(BoardCommand),
@@ -65,6 +70,8 @@ impl Command {
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
             Command::Board(BoardCommand::Serve(_)) => None,
+            Command::Reproduce(call) => Some((None, &call.out)),
+            Command::Design(call) => Some((Some(&call.show), &call.out)),
             // A diagnosis and a blind check write into a directory.
             Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
         }
@@ -84,13 +91,16 @@ impl Command {
                 own.chain(files).map(PathBuf::as_path).collect()
             }
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
+            Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
-            Command::Identify(call) => call.plant.iter().chain(&call.logs).map(PathBuf::as_path).collect(),
+            Command::Identify(call) => {
+                call.plant.iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
+            }
             Command::Diagnose(call) => {
                 let own = [&call.plant].into_iter().chain(&call.controller);
                 own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
-            Command::Effects(_) | Command::BlindCheck(_) => Vec::new(),
+            Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) => Vec::new(),
         }
     }
 }
@@ -183,11 +193,28 @@ pub struct ReplayCall {
 #[command(after_help = "Example:
   hysteron identify --model phs --hysterons auto bench.csv \\
     --columns time=t_s,command=u_V,displacement=y_um \\
-    --run-in 2 --out fitted.toml")]
+    --run-in 2 --out fitted.toml
+Example, which kind of model explains the logs best:
+  hysteron identify --compare steps.csv sines.csv --held-out other.csv \\
+    --out best.toml")]
 pub struct IdentifyCall {
-    /// Model to fit
-    #[arg(long, value_name = "KIND", value_parser = ["phs"])]
-    pub model: String,
+    /// Model to fit: phs (hysterons), linear (hysterons without dead zones), bouc-wen, bouc-wen-static, transfer-function
+    #[arg(
+        long,
+        value_name = "KIND",
+        value_parser = ["phs", "linear", "bouc-wen", "bouc-wen-static", "transfer-function"],
+        required_unless_present = "compare"
+    )]
+    pub model: Option<String>,
+    /// Fit every kind and rank them by what was never fitted: --held-out logs, or the last 30 % of each log; --out gets the best
+    #[arg(long, conflicts_with_all = ["model", "hysterons"])]
+    pub compare: bool,
+    /// With --compare: logs that are never fitted
+    #[arg(long, value_name = "LOG", num_args = 1.., requires = "compare")]
+    pub held_out: Vec<PathBuf>,
+    /// Poles and zeros of a transfer function, such as 4,3; where not given, the order that the logs call for
+    #[arg(long, value_name = "N,M", value_parser = order)]
+    pub order: Option<(usize, usize)>,
     /// Number of hysterons, or auto: as many as the logs call for
     #[arg(long, value_name = "N|auto", value_parser = hysterons, conflicts_with = "plant", default_value = "auto")]
     pub hysterons: Hysterons,
@@ -277,6 +304,74 @@ pub struct EffectsCall {
     /// Print the whole registry as Markdown: docs/effects.md
     #[arg(long, conflicts_with = "id")]
     pub markdown: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron design --plant models/thesis-phs.toml --rate 40000 \\
+    --settle-ms 5 --overshoot 2 --gain-margin-db 6 --out own.toml
+  hysteron design --plant models/thesis-phs.toml --rate 40000 --inverse \\
+    --settle-ms 5 --overshoot 2 --track --out own-inverse.toml
+  hysteron design --check --plant models/thesis-phs.toml \\
+    --controller controllers/pi1.toml --rate 20000 --out check.json
+Limits and shaping are those of --controller, or of controllers/pi1.toml
+within the plant's [rig].")]
+pub struct DesignCall {
+    /// Check the controller instead of designing one; --out gets the findings as JSON
+    #[arg(long, requires = "controller")]
+    pub check: bool,
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Controller to check, or whose limits and shaping the design takes
+    #[arg(long, value_name = "C.toml")]
+    pub controller: Option<PathBuf>,
+    /// Samples per second
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// From sampling to the new drive, any real number of microseconds
+    #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative, allow_negative_numbers = true)]
+    pub delay_us: f64,
+    /// Wish: time until a step stays within 2 %, its shaping included
+    #[arg(long, value_name = "MS", default_value = "5", value_parser = positive, allow_negative_numbers = true)]
+    pub settle_ms: f64,
+    /// Wish: most overshoot of that step, in percent
+    #[arg(long, value_name = "PERCENT", default_value = "2", value_parser = not_negative, allow_negative_numbers = true)]
+    pub overshoot: f64,
+    /// Height of that step
+    #[arg(long, value_name = "UM", default_value = "80", value_parser = positive, allow_negative_numbers = true)]
+    pub step_um: f64,
+    /// Wish: least gain margin, up or down
+    #[arg(long, value_name = "DB", default_value = "6", value_parser = not_negative, allow_negative_numbers = true)]
+    pub gain_margin_db: f64,
+    /// Wish: least phase margin
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = not_negative, allow_negative_numbers = true)]
+    pub phase_margin_deg: f64,
+    /// Feedforward that inverts the plant, hysterons included; simulation only so far, boards refuse it
+    #[arg(long)]
+    pub inverse: bool,
+    /// Also run 80 um sines of 1 to 150 Hz through the loop: rms error
+    #[arg(long)]
+    pub track: bool,
+    /// Controller file to write, or findings with --check
+    #[arg(long, value_name = "OUT")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub show: Show,
+}
+
+#[derive(Args)]
+#[command(after_help = "Example:
+  hysteron reproduce --out thesis.html
+takes some ten seconds. Exit code 4 if a number comes out otherwise and is no
+known erratum.")]
+pub struct ReproduceCall {
+    /// Page to write
+    #[arg(long, value_name = "PAGE.html", default_value = "report.html")]
+    pub out: PathBuf,
+    /// Print every number as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args)]
@@ -524,6 +619,14 @@ fn pair(text: &str) -> Result<(String, String), String> {
 fn factor(text: &str) -> Result<(String, f64), String> {
     let (name, value) = pair(text)?;
     Ok((name, number(&value)?))
+}
+
+fn order(text: &str) -> Result<(usize, usize), String> {
+    let pair = text.split_once(',').and_then(|(n, m)| Some((n.trim().parse().ok()?, m.trim().parse().ok()?)));
+    match pair {
+        Some((n, m)) if (1..=MOST_ORDER).contains(&n) && m < n => Ok((n, m)),
+        _ => Err(format!("poles and fewer zeros, such as 4,3; at most {MOST_ORDER} poles")),
+    }
 }
 
 fn hysterons(text: &str) -> Result<Hysterons, String> {

@@ -3,6 +3,7 @@
 use gap_diagnosis::diagnose::DiagnoseError;
 use gap_diagnosis::identify::IdentifyError;
 use plant_sim::FileError;
+use plant_sim::design::DesignError;
 use plant_sim::experiment::ExperimentError;
 use plant_sim::log::LogError;
 use plant_sim::margins::MarginError;
@@ -62,7 +63,8 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command = ["simulate", "replay", "identify", "diagnose", "effects", "blind-check", "board"];
+        let command =
+            ["simulate", "replay", "identify", "diagnose", "effects", "blind-check", "board", "reproduce", "design"];
         let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
         parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
         Self::call(parts.join("; "))
@@ -112,6 +114,19 @@ impl From<MarginError> for Failure {
             _ => "",
         };
         Self::call(format!("{error}{advice}"))
+    }
+}
+
+impl From<DesignError> for Failure {
+    fn from(error: DesignError) -> Self {
+        match error {
+            DesignError::Margin(error) => error.into(),
+            DesignError::Experiment(error) => error.into(),
+            DesignError::NoSkeleton { .. } => Self::call(format!("{error}; give a plant with a mass, of second order")),
+            DesignError::TooFast { .. } | DesignError::NoMargin { .. } | DesignError::NoStep { .. } => {
+                Self::interrupted(error.to_string())
+            }
+        }
     }
 }
 

@@ -145,7 +145,7 @@ fn plants_that_are_none() {
     );
     bench.bad_plant(
         ("[structure]\n", "[strukture]\n"),
-        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `sensor`, `effect`, `rig`, `initial_state`, `fit`",
+        "@/bad.toml, line 23: unknown field `strukture`, expected one of `schema`, `name`, `kind`, `drive`, `actuator`, `structure`, `hysteresis`, `state_space`, `transfer_function`, `sensor`, `effect`, `rig`, `initial_state`, `fit`",
     );
     bench.bad_plant(("[structure]\n", "[structure\n"), "@/bad.toml, line 23: unclosed table, expected `]`");
     bench.bad_plant(
@@ -245,7 +245,7 @@ fn controllers_that_are_none() {
     );
     bench.bad_controller(
         ("[limits]", "[limit]"),
-        "@/bad.toml, line 9: unknown field `limit`, expected one of `schema`, `name`, `kp_V_per_m`, `ki_V_per_m_s`, `feedforward_V_per_m`, `unlimited`, `limits`, `reference`, `guard`",
+        "@/bad.toml, line 9: unknown field `limit`, expected one of `schema`, `name`, `kp_V_per_m`, `ki_V_per_m_s`, `feedforward_V_per_m`, `unlimited`, `limits`, `reference`, `guard`, `inverse`, `design`",
     );
     bench.bad_controller(
         ("schema = ", "unlimited = true\nschema = "),
@@ -574,8 +574,8 @@ fn wrong_calls_are_one_line_too() {
         "nothing to drive with: give --controller and --reference, or --command",
     );
     refused(
-        "identify --model bouc-wen @/good.csv --out @/f.toml",
-        "invalid value 'bouc-wen' for '--model <KIND>' [possible values: phs]; see `hysteron identify --help`",
+        "identify --model maxwell @/good.csv --out @/f.toml",
+        "invalid value 'maxwell' for '--model <KIND>' [possible values: phs, linear, bouc-wen, bouc-wen-static, transfer-function]; see `hysteron identify --help`",
     );
     // An argument with line breaks and escapes makes neither.
     let output = hysteron(["simulate\n\u{1b}[31m", "x"]);

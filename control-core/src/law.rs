@@ -8,6 +8,7 @@
 //! There is no loop, no division, no table and no call outside this crate in it.
 
 use crate::guard::{Guard, GuardState};
+use crate::inverse::{Inverse, InverseState};
 use crate::limits::Limits;
 use crate::pi::{Pi, PiState};
 use crate::settings::{Settings, SettingsError};
@@ -104,6 +105,33 @@ impl Law {
     /// One sample of the closed loop, or why there is none: then the drive still stands where it stood.
     #[inline(always)]
     pub(crate) fn try_step(&self, state: &mut LawState, reference_m: f32, measured_m: f32) -> Result<Output, Limits> {
+        self.try_forward(state, reference_m, measured_m, |reference_m| self.pi.forward_v(reference_m))
+    }
+
+    /// The same sample as [`Law::step`] with the inverse of the plant in place of the static feedforward.
+    #[inline]
+    pub fn step_inverse(
+        &self,
+        state: &mut LawState,
+        inverse: &Inverse,
+        inverse_state: &mut InverseState,
+        reference_m: f32,
+        measured_m: f32,
+    ) -> Output {
+        match self.try_forward(state, reference_m, measured_m, |r| inverse.step(inverse_state, r)) {
+            Ok(output) => output,
+            Err(_) => self.safe(state),
+        }
+    }
+
+    #[inline(always)]
+    fn try_forward(
+        &self,
+        state: &mut LawState,
+        reference_m: f32,
+        measured_m: f32,
+        forward_v: impl FnOnce(f32) -> f32,
+    ) -> Result<Output, Limits> {
         let latched = self.guard.watch(&mut state.guard, measured_m);
         if !latched.is_empty() {
             return Err(latched);
@@ -117,7 +145,8 @@ impl Law {
             return Err(state.guard.latch(Limits::NOT_A_NUMBER));
         };
         let (reference_m, shaped) = self.shaper.follow(&mut state.shaper, target_m, clamped);
-        let (drive_v, limited) = self.pi.step(&mut state.pi, reference_m, measured_m);
+        let forward_v = forward_v(reference_m);
+        let (drive_v, limited) = self.pi.step_forward(&mut state.pi, forward_v, reference_m, measured_m);
         if limited.is_safe_state() {
             return Err(state.guard.latch(limited));
         }

@@ -1,7 +1,7 @@
 //! The control law of a hysteretic piezo actuator, written once: the same f32 code runs on the board, over the bridge and in the
 //! simulation, and gives the same bits everywhere.
 //!
-//! PI with feedforward in physical units ([`Law`]), volt and slew limits with anti-windup ([`Pi`]), reference clamp and
+//! PI with feedforward in physical units ([`Law`]), feedforward that inverts a plant with hysterons ([`Inverse`]), volt and slew limits with anti-windup ([`Pi`]), reference clamp and
 //! shaping ([`Shaper`]), displacement trip ([`Guard`]), waveforms ([`Generator`]), the mode machine of a board
 //! ([`Controller`]), and the conversion between codes, volts and metres ([`Calibration`]).
 //!
@@ -61,6 +61,7 @@ mod codes;
 mod fault;
 mod generator;
 mod guard;
+mod inverse;
 mod law;
 mod limits;
 mod mode;
@@ -74,6 +75,7 @@ pub use codes::{AdcCode, Calibration, CalibrationSettings, DacCode};
 pub use fault::FaultCode;
 pub use generator::{Generator, GeneratorState, Segment, SegmentError, samples_in};
 pub use guard::{Guard, GuardState};
+pub use inverse::{Inverse, InverseHysteron, InverseSettings, InverseState, MOST_HYSTERONS};
 pub use law::{Law, LawState, Output};
 pub use limits::Limits;
 pub use mode::{Action, Command, Controller, Input, Mode, ModeName, Refused};

@@ -75,6 +75,24 @@ impl Pi {
     /// [`Limits::NOT_A_NUMBER`] comes back, with the drive kept, only if numbers near 1e33 m overflow an unlimited law.
     #[inline]
     pub fn step(&self, state: &mut PiState, reference_m: f32, measured_m: f32) -> (f32, Limits) {
+        self.step_forward(state, self.forward_v(reference_m), reference_m, measured_m)
+    }
+
+    /// The static feedforward.
+    #[inline(always)]
+    pub(crate) fn forward_v(&self, reference_m: f32) -> f32 {
+        self.feedforward_v_per_m * reference_m
+    }
+
+    /// The same with `forward_v` in place of the static feedforward.
+    #[inline(always)]
+    pub(crate) fn step_forward(
+        &self,
+        state: &mut PiState,
+        forward_v: f32,
+        reference_m: f32,
+        measured_m: f32,
+    ) -> (f32, Limits) {
         let error_m = reference_m - measured_m;
         let increment_v = self.ki_v_per_m * error_m;
         // Fast2Sum. Where the integral is smaller than the increment the remainder itself is rounded, by no more than
@@ -82,7 +100,7 @@ impl Pi {
         let carried_v = increment_v + state.remainder_v;
         let integral_v = state.integral_v + carried_v;
         let remainder_v = carried_v - (integral_v - state.integral_v);
-        let wish_v = self.feedforward_v_per_m * reference_m + self.kp_v_per_m * error_m + integral_v;
+        let wish_v = forward_v + self.kp_v_per_m * error_m + integral_v;
 
         // Written so that NaN fails it.
         if (wish_v - state.drive_v).abs() <= self.slew_v && wish_v <= self.drive_max_v && wish_v >= self.drive_min_v {

@@ -6,6 +6,7 @@ pub mod diagnose;
 pub mod identify;
 pub mod locate;
 pub mod page;
+pub mod reproduce;
 pub mod residual;
 pub mod score;
 pub mod spectra;

@@ -1,8 +1,11 @@
 //! Controller files: what [`control_core::Settings`] needs, as TOML, each number with unit and source.
 
+use crate::chain::{Chain, Lag};
+use crate::model::HysteronSection;
 use crate::param::Param;
+use crate::phs::Hysteron;
 use crate::toml_file::{self, FileError};
-use control_core::{Law, Settings};
+use control_core::{Inverse, InverseHysteron, InverseSettings, Law, Settings};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -38,6 +41,85 @@ pub struct Controller {
     /// Displacement trip.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guard: Option<GuardSection>,
+    /// The plant whose inverse takes the place of the static feedforward; boards have no room for it yet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inverse: Option<InverseSection>,
+    /// How a designed controller came about; for readers, not used by any computation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<toml::Table>,
+}
+
+/// `[inverse]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InverseSection {
+    /// M.
+    pub mass_kg: Param,
+    /// b.
+    #[serde(rename = "damping_N_s_per_m")]
+    pub damping_n_s_per_m: Param,
+    /// k.
+    #[serde(rename = "stiffness_N_per_m")]
+    pub stiffness_n_per_m: Param,
+    /// alpha.
+    #[serde(rename = "transduction_C_per_m")]
+    pub transduction_c_per_m: Param,
+    /// Time constant of the amplifier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplifier_us: Option<Param>,
+    /// The hysterons.
+    #[serde(default, rename = "hysteron", skip_serializing_if = "Vec::is_empty")]
+    pub hysterons: Vec<HysteronSection>,
+}
+
+impl InverseSection {
+    /// The inverse of the plant in `chain`, as far as the law can invert: effects that are hysterons, mass or an amplifier's lag count.
+    pub fn of(chain: &Chain, source: &str) -> Self {
+        let of = |value: f64| Param { value, sigma: None, sigma_abs: None, source: source.to_owned() };
+        let hysteron = |h: &Hysteron| HysteronSection {
+            capacitance_f: of(h.capacitance_f),
+            slope_s: of(h.slope_s),
+            dead_zone_v: of(h.dead_zone_v),
+        };
+        let plant = &chain.plant;
+        let amplifier_us = match chain.drive.lag {
+            Some(Lag::First { time_constant_s }) => Some(of(time_constant_s * 1e6)),
+            Some(Lag::Second { natural_rad_per_s, damping_ratio }) => {
+                Some(of(2.0 * damping_ratio / natural_rad_per_s * 1e6))
+            }
+            None => None,
+        };
+        Self {
+            mass_kg: of(plant.mass_kg),
+            damping_n_s_per_m: of(plant.damping_n_s_per_m),
+            stiffness_n_per_m: of(plant.stiffness_n_per_m),
+            transduction_c_per_m: of(plant.transduction_c_per_m),
+            amplifier_us,
+            hysterons: plant.hysterons.iter().map(hysteron).collect(),
+        }
+    }
+
+    fn build(&self, rate_hz: f64, delay_s: f64) -> Result<Inverse, control_core::SettingsError> {
+        let hysterons: Vec<InverseHysteron> = self
+            .hysterons
+            .iter()
+            .map(|h| InverseHysteron {
+                capacitance_f: h.capacitance_f.value as f32,
+                slope_s: h.slope_s.value as f32,
+                dead_zone_v: h.dead_zone_v.value as f32,
+            })
+            .collect();
+        Inverse::try_build(&InverseSettings {
+            rate_hz: rate_hz as f32,
+            delay_s: delay_s as f32,
+            mass_kg: self.mass_kg.value as f32,
+            damping_n_s_per_m: self.damping_n_s_per_m.value as f32,
+            stiffness_n_per_m: self.stiffness_n_per_m.value as f32,
+            transduction_c_per_m: self.transduction_c_per_m.value as f32,
+            amplifier_s: self.amplifier_us.as_ref().map_or(0.0, |p| (p.value * 1e-6) as f32),
+            hysterons: &hysterons,
+        })
+    }
 }
 
 /// `[limits]`.
@@ -85,7 +167,27 @@ impl Controller {
     /// # Errors
     /// One line naming file, key and what to do.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let controller: Self = toml_file::read(path, SCHEMA)?;
+        toml_file::read(path, SCHEMA).and_then(|controller: Self| controller.valid(path))
+    }
+
+    /// The same from a text that `path` names in errors.
+    ///
+    /// # Errors
+    /// As [`Controller::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        toml_file::parse(text, path, SCHEMA).and_then(|controller: Self| controller.valid(path))
+    }
+
+    /// Writes the controller, whole or not at all.
+    ///
+    /// # Errors
+    /// The file that could not be written.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        toml_file::write(path, self)
+    }
+
+    fn valid(self, path: &Path) -> Result<Self, FileError> {
+        let controller = self;
         let invalid = |reason: String| FileError::Invalid { path: path.to_owned(), reason };
         let guarded = [controller.limits.is_some(), controller.reference.is_some(), controller.guard.is_some()];
         if controller.unlimited && guarded.contains(&true) {
@@ -115,7 +217,15 @@ impl Controller {
             }
         }
         Law::try_build(&controller.settings(20e3)).map_err(|e| invalid(in_keys(&e.to_string())))?;
+        if let Some(section) = &controller.inverse {
+            section.build(20e3, 0.0).map_err(|e| invalid(format!("[inverse]: {e}")))?;
+        }
         Ok(controller)
+    }
+
+    /// The plant's inverse for a loop at `rate_hz` whose drive acts `delay_s` after the sample; `None` if the file has none.
+    pub fn inverse(&self, rate_hz: f64, delay_s: f64) -> Option<Inverse> {
+        self.inverse.as_ref().and_then(|section| section.build(rate_hz, delay_s).ok())
     }
 
     /// Every record with its key.

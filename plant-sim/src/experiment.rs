@@ -6,7 +6,9 @@ use crate::chain::{Arrivals, Chain, Held, SensorState, Simulator};
 use crate::margins::Loop;
 use crate::replay::Start;
 use crate::spec::{self, Shape, Spec, SpecError, Unit};
-use control_core::{Generator, GeneratorState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState};
+use control_core::{
+    Generator, GeneratorState, Inverse, InverseState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState,
+};
 
 /// Bounds that `,shaped` puts on a waveform: rate and acceleration, in metres (or volts) per second and per second squared.
 ///
@@ -154,10 +156,28 @@ pub fn closed_loop(
     program: &Program,
     progress: &dyn Fn(usize),
 ) -> Result<Recording, ExperimentError> {
+    closed_loop_inverse(setup, settings, None, program, progress)
+}
+
+/// The same with the inverse of a plant, if any, in place of the static feedforward.
+///
+/// # Errors
+/// As [`closed_loop`].
+pub fn closed_loop_inverse(
+    setup: &Setup<'_>,
+    settings: &Settings,
+    inverse: Option<&Inverse>,
+    program: &Program,
+    progress: &dyn Fn(usize),
+) -> Result<Recording, ExperimentError> {
     let law = Law::try_build(settings)?;
     let mut state = LawState::default();
+    let mut inverse_state = InverseState::default();
     run(setup, program, SHAPED_M, progress, |recording, reference_m, reading_m| {
-        let output = law.step(&mut state, reference_m, reading_m as f32);
+        let output = match inverse {
+            None => law.step(&mut state, reference_m, reading_m as f32),
+            Some(inverse) => law.step_inverse(&mut state, inverse, &mut inverse_state, reference_m, reading_m as f32),
+        };
         recording.reference_m.push(f64::from(reference_m));
         (f64::from(output.drive_v), output.limited_by)
     })

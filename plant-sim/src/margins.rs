@@ -56,6 +56,7 @@ pub use suggest::{Suggestion, nearest_stable};
 
 use curve::{CriticalGain, Curve};
 use sampled::SampledLoop;
+pub(crate) use sampled::balance;
 
 /// Below this gain margin a loop is worth a warning: half the gain is a usual allowance for a plant that differs from its model
 /// (chosen).
@@ -271,6 +272,9 @@ pub enum MarginError {
         /// Its label.
         region: String,
     },
+    /// A plant without mass or lag has no dynamics that a loop could be assessed with.
+    #[error("the plant has no dynamics: a static model has no margins; use a plant with a mass")]
+    Massless,
     /// No regions to assess.
     #[error("there is no region to assess")]
     NoRegion,
@@ -343,6 +347,36 @@ pub fn margins(region: &LinearRegion, law: &Loop) -> Result<Margins, MarginError
         delay_margin_s: critical_delay_s - law.delay_s,
         modulus_margin,
     })
+}
+
+/// The open loop L, broken at the error, at each of `hz`, all above zero and at most half the rate.
+///
+/// # Errors
+/// As [`margins`].
+pub fn open_loop(region: &LinearRegion, law: &Loop, hz: &[f64]) -> Result<Vec<Complex<f64>>, MarginError> {
+    check_loop(law)?;
+    check_region(region)?;
+    let too_stiff = || MarginError::TooStiff { region: region.label.clone(), rate_hz: law.rate_hz };
+    let sampled = SampledLoop::new(region, law).ok_or_else(too_stiff)?;
+    let angle = |hz: f64| (std::f64::consts::TAU * hz / law.rate_hz).min(std::f64::consts::PI);
+    Ok(hz.iter().map(|&hz| sampled.open_loop(angle(hz))).collect())
+}
+
+/// Eigenvalues z of the closed loop with both gains multiplied by `gain`.
+///
+/// # Errors
+/// As [`margins`].
+pub fn closed_loop_poles(region: &LinearRegion, law: &Loop, gain: f64) -> Result<Vec<Complex<f64>>, MarginError> {
+    check_loop(law)?;
+    check_region(region)?;
+    let samples = law.delay_s * law.rate_hz;
+    if samples > MAX_DELAY_SAMPLES {
+        return Err(MarginError::DelayTooLong { samples, limit: MAX_DELAY_SAMPLES });
+    }
+    let too_stiff = || MarginError::TooStiff { region: region.label.clone(), rate_hz: law.rate_hz };
+    let sampled = SampledLoop::new(region, law).ok_or_else(too_stiff)?;
+    let none = || MarginError::NoEigenvalues { region: region.label.clone() };
+    sampled.closed_loop_eigenvalues(gain).ok_or_else(none)
 }
 
 /// Margins in every region, the worst of each, and a verdict.

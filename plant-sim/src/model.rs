@@ -3,10 +3,12 @@
 //! Micrometres and microseconds appear in the keys here and nowhere else; [`Model::chain`] turns them into SI.
 
 mod effect_section;
+mod kinds;
 
 pub use effect_section::EffectSection;
+pub use kinds::{HysteresisSection, Kind, Numbers, StateSpaceSection, TransferFunctionSection};
 
-use crate::chain::{Chain, Drive, MAX_HYSTERONS, Parts, Sensor};
+use crate::chain::{Chain, Drive, MAX_HYSTERONS, Sensor};
 use crate::effects::{Effect, Form};
 use crate::param::Param;
 use crate::phs::{Hysteron, Phs, PhsState};
@@ -25,15 +27,26 @@ pub struct Model {
     pub schema: String,
     /// What it describes, in words.
     pub name: String,
-    /// Which equations; `phs` is the only kind so far.
+    /// Which equations.
     pub kind: Kind,
     /// Converter and amplifier.
     #[serde(default, skip_serializing_if = "DriveSection::is_empty")]
     pub drive: DriveSection,
     /// Transducer and hysterons.
+    #[serde(default, skip_serializing_if = "ActuatorSection::is_absent")]
     pub actuator: ActuatorSection,
     /// Mass, spring, damper.
+    #[serde(default, skip_serializing_if = "StructureSection::is_absent")]
     pub structure: StructureSection,
+    /// Of the Bouc-Wen kinds.
+    #[serde(default, skip_serializing_if = "HysteresisSection::is_empty")]
+    pub hysteresis: HysteresisSection,
+    /// Of the kind `state-space`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state_space: Option<StateSpaceSection>,
+    /// Of the kind `transfer-function`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transfer_function: Option<TransferFunctionSection>,
     /// Displacement sensor.
     #[serde(default, skip_serializing_if = "SensorSection::is_empty")]
     pub sensor: SensorSection,
@@ -49,14 +62,6 @@ pub struct Model {
     /// How a fitted model came about; for readers, not used by any computation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<toml::Table>,
-}
-
-/// Kinds of equations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// Port-Hamiltonian plant with hysterons ([`crate::phs`]); none of them makes it linear and second order.
-    Phs,
 }
 
 /// `[drive]`.
@@ -93,6 +98,37 @@ pub struct ActuatorSection {
     /// The hysterons.
     #[serde(default, rename = "hysteron", skip_serializing_if = "Vec::is_empty")]
     pub hysterons: Vec<HysteronSection>,
+}
+
+/// What stands in the file's place where a kind has no such section.
+const ABSENT: &str = "absent";
+
+fn absent() -> Param {
+    Param { value: 1.0, sigma: None, sigma_abs: None, source: ABSENT.to_owned() }
+}
+
+impl Default for ActuatorSection {
+    fn default() -> Self {
+        Self { transduction_c_per_m: absent(), hysterons: Vec::new() }
+    }
+}
+
+impl ActuatorSection {
+    fn is_absent(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl Default for StructureSection {
+    fn default() -> Self {
+        Self { mass_kg: absent(), damping_n_s_per_m: absent(), stiffness_n_per_m: absent() }
+    }
+}
+
+impl StructureSection {
+    fn is_absent(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// `[[actuator.hysteron]]`.
@@ -194,9 +230,20 @@ impl Model {
     /// # Errors
     /// One line naming file, key and what to do.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let model: Self = toml_file::read(path, SCHEMA)?;
-        model.validate().map_err(|reason| FileError::Invalid { path: path.to_owned(), reason })?;
-        Ok(model)
+        toml_file::read(path, SCHEMA).and_then(|model: Self| model.valid(path))
+    }
+
+    /// The same from a text that `path` names in errors.
+    ///
+    /// # Errors
+    /// As [`Model::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, FileError> {
+        toml_file::parse(text, path, SCHEMA).and_then(|model: Self| model.valid(path))
+    }
+
+    fn valid(self, path: &Path) -> Result<Self, FileError> {
+        self.validate().map_err(|reason| FileError::Invalid { path: path.to_owned(), reason })?;
+        Ok(self)
     }
 
     /// Writes the model, whole or not at all.
@@ -225,6 +272,26 @@ impl Model {
         self
     }
 
+    /// A model without any section.
+    pub fn empty(name: &str) -> Self {
+        Self {
+            schema: SCHEMA.to_owned(),
+            name: name.to_owned(),
+            kind: Kind::Phs,
+            drive: DriveSection::default(),
+            actuator: ActuatorSection::default(),
+            structure: StructureSection::default(),
+            hysteresis: HysteresisSection::default(),
+            state_space: None,
+            transfer_function: None,
+            sensor: SensorSection::default(),
+            effects: Vec::new(),
+            rig: None,
+            initial_state: None,
+            fit: None,
+        }
+    }
+
     /// The chain in SI units without its effects.
     pub fn nominal_chain(&self) -> Chain {
         Chain {
@@ -234,7 +301,7 @@ impl Model {
                 quantum_v: or(&self.drive.quantum_v, 0.0),
                 ..Drive::IDEAL
             },
-            plant: Phs {
+            plant: self.stand_in().unwrap_or_else(|| Phs {
                 mass_kg: self.structure.mass_kg.value,
                 damping_n_s_per_m: self.structure.damping_n_s_per_m.value,
                 stiffness_n_per_m: self.structure.stiffness_n_per_m.value,
@@ -249,8 +316,8 @@ impl Model {
                         dead_zone_v: h.dead_zone_v.value,
                     })
                     .collect(),
-            },
-            parts: Parts::default(),
+            }),
+            parts: self.kind_parts(),
             sensor: Sensor {
                 offset_m: or(&self.sensor.offset_um, 0.0) * MICRO,
                 noise_m: or(&self.sensor.noise_um, 0.0) * MICRO,
@@ -277,12 +344,16 @@ impl Model {
     /// Every record with its key, its bounds of sense (positive, or not negative, or any) and its bounds of plausibility in SI.
     fn records(&self) -> Vec<(String, &Param, Sense, [f64; 2])> {
         use Sense::{Any, NotNegative, Positive};
-        let mut records = vec![
-            ("structure.mass_kg".to_owned(), &self.structure.mass_kg, Positive, [1e-7, 50.0]),
-            ("structure.damping_N_s_per_m".into(), &self.structure.damping_n_s_per_m, NotNegative, [1e-5, 1e5]),
-            ("structure.stiffness_N_per_m".into(), &self.structure.stiffness_n_per_m, Positive, [1.0, 1e10]),
-            ("actuator.transduction_C_per_m".into(), &self.actuator.transduction_c_per_m, Positive, [1e-6, 1e3]),
-        ];
+        let mut records = Vec::new();
+        if self.kind.has_structure() {
+            records.extend([
+                ("structure.mass_kg".to_owned(), &self.structure.mass_kg, Positive, [1e-7, 50.0]),
+                ("structure.damping_N_s_per_m".into(), &self.structure.damping_n_s_per_m, NotNegative, [1e-5, 1e5]),
+                ("structure.stiffness_N_per_m".into(), &self.structure.stiffness_n_per_m, Positive, [1.0, 1e10]),
+                ("actuator.transduction_C_per_m".into(), &self.actuator.transduction_c_per_m, Positive, [1e-6, 1e3]),
+            ]);
+        }
+        records.extend(self.hysteresis.records().into_iter().map(|(key, p, bounds)| (key, p, Any, bounds)));
         for (i, h) in self.actuator.hysterons.iter().enumerate() {
             let key = |name: &str| format!("actuator.hysteron[{}].{name}", i + 1);
             records.push((key("capacitance_F"), &h.capacitance_f, Positive, [1e-12, 1e-2]));
@@ -308,6 +379,7 @@ impl Model {
     }
 
     fn validate(&self) -> Result<(), String> {
+        self.validate_kind()?;
         for (key, param, sense, [low, high]) in self.records() {
             let value = param.value;
             let wrong = match sense {

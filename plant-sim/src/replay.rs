@@ -49,10 +49,13 @@ impl Start {
     /// The equilibrium under `drive_v` that holds the given hysteron voltages (equation (2.9)).
     pub fn at_rest(chain: &Chain, drive_v: f64, hysteron_v: Vec<f64>) -> Self {
         let acting_v = chain.drive.output_v(drive_v);
-        let displacement_m = chain.plant.equilibrium_m(acting_v, 0.0, &hysteron_v);
+        let displacement_m = chain.equilibrium_m(acting_v, &hysteron_v);
         Self { state: PhsState { displacement_m, velocity_m_per_s: 0.0, hysteron_v }, drive_v }
     }
 }
+
+/// Pieces of a sample's line where a law bends along it.
+const LINE_PIECES: usize = 16;
 
 /// Feeds commands one by one, as a log's `hold` says, and reads the displacement before each.
 ///
@@ -61,6 +64,7 @@ impl Start {
 pub struct Player {
     simulator: Simulator,
     sample_s: f64,
+    pieces: usize,
     hold: Hold,
     resampler: Resampler,
 }
@@ -68,11 +72,17 @@ pub struct Player {
 impl Player {
     /// A chain ready to play rows that are `sample_s` apart.
     pub fn new(chain: &Chain, sample_s: f64, latency_s: f64, hold: Hold, start: &Start) -> Self {
-        // A band-limited command is stepped through piece by piece.
-        let sample_s = if hold == Hold::Bandlimited { sample_s / resample::PIECES as f64 } else { sample_s };
+        // A band-limited command is stepped through piece by piece, and so is a line that a transducer's hysteresis bends: by then
+        // 10 V a sample leave 1e-10 of full scale.
+        let pieces = match hold {
+            Hold::Bandlimited => resample::PIECES,
+            Hold::Foh if chain.parts.transducer.is_some() => LINE_PIECES,
+            Hold::Foh | Hold::Zoh => 1,
+        };
+        let sample_s = sample_s / pieces as f64;
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         simulator.start_from(&start.state, start.drive_v);
-        Self { simulator, sample_s, hold, resampler: Resampler::default() }
+        Self { simulator, sample_s, pieces, hold, resampler: Resampler::default() }
     }
 
     /// How many of the commands after a row's own this log's `hold` calls for.
@@ -94,7 +104,11 @@ impl Player {
             Hold::Zoh => self.simulator.advance(Held::zero_order(command_v), force_n),
             Hold::Foh => {
                 let next_v = commands_v.get(1).copied().unwrap_or(command_v);
-                self.line(command_v, next_v, force_n);
+                let pieces = self.pieces;
+                let at = |piece: usize| command_v + (next_v - command_v) * piece as f64 / pieces as f64;
+                for piece in 0..pieces {
+                    self.line(at(piece), at(piece + 1), force_n);
+                }
             }
             Hold::Bandlimited => {
                 for ends_v in self.resampler.points(commands_v).windows(2) {

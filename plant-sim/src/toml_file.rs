@@ -71,6 +71,14 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, schema: &'static str) -> Re
         std::fs::read(path).map_err(|e| FileError::Unreadable { path: path.to_owned(), reason: e.to_string() })?;
     let text = String::from_utf8(bytes)
         .map_err(|e| FileError::NotText { path: path.to_owned(), offset: e.utf8_error().valid_up_to() })?;
+    parse(&text, path, schema)
+}
+
+/// Reads `text`, which came from `path`, as `T`.
+///
+/// # Errors
+/// See [`FileError`].
+pub(crate) fn parse<T: DeserializeOwned>(text: &str, path: &Path, schema: &'static str) -> Result<T, FileError> {
     let syntax = |e: toml::de::Error| FileError::Syntax {
         path: path.to_owned(),
         line: e.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1),
@@ -83,7 +91,7 @@ pub(crate) fn read<T: DeserializeOwned>(path: &Path, schema: &'static str) -> Re
             return Err(FileError::Schema { path: path.to_owned(), found: found.map(str::to_owned), expected: schema });
         }
     }
-    toml::from_str(&text).map_err(syntax)
+    toml::from_str(text).map_err(syntax)
 }
 
 /// Writes `value` as TOML to a temporary file beside `path` and renames it, so that `path` is whole or untouched. Through a link, its

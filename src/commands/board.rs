@@ -62,10 +62,17 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     };
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.controller {
-        let settings = Controller::read(path)?.settings(call.rate);
+        let controller = Controller::read(path)?;
+        if controller.inverse.is_some() {
+            return Err(Failure::call(format!(
+                "{}: [inverse] runs in `hysteron simulate` only, boards have no room for it yet; remove the section",
+                path.display()
+            )));
+        }
+        let settings = controller.settings(call.rate);
         Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
         let law = sampled_loop(&settings, call.rate, LATENCY_S + chain.drive.delay_s);
-        let assessment = assess(&chain.plant.linear_regions()?, &law)?;
+        let assessment = assess(&chain.linear_regions()?, &law)?;
         match assessment.verdict {
             Verdict::Unstable { .. } => return Err(Failure::call(assessment.to_string())),
             Verdict::BelowSixDb { .. } => warnings.push(assessment.to_string()),

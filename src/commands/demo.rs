@@ -24,6 +24,8 @@ pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("  diagnose   where plant and bench differ, which effect makes the difference, how far it shrinks");
     output::line("  effects    what a bench may do beyond its nominal plant, and how that shows");
     output::line("  blind-check  the diagnosis tested on cases whose effect is withheld");
+    output::line("  design     a controller from a wish, or a check of one");
+    output::line("  reproduce  the thesis' numbers and figures, printed beside recomputed");
     output::line("  board      the flash image on the virtual board");
     output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 

@@ -6,7 +6,7 @@ use crate::output;
 use gap_diagnosis::diagnose::{self, Diagnosis, Loop, Options};
 use gap_diagnosis::locate::strongest;
 use plant_sim::controller::Controller;
-use plant_sim::model::Model;
+use plant_sim::model::{Kind, Model};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +28,13 @@ pub fn diagnose(call: &DiagnoseCall) -> Result<(), Failure> {
 pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
     check_directory(call)?;
     let plant = Model::read(&call.plant)?;
+    if plant.kind != Kind::Phs {
+        return Err(Failure::call(format!(
+            "{}: a plant of kind {} can't be diagnosed: the registry's effects are stated about hysterons; give a plant of kind phs",
+            call.plant.display(),
+            plant.kind.name()
+        )));
+    }
     let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
     let held_out = super::logs::read(&call.held_out, &call.read, MOST_ROWS)?;
     let options = Options {

@@ -6,15 +6,36 @@ use crate::output;
 use gap_diagnosis::identify::{self, Fit, From, LogFit, Options, Verdict};
 use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, StartView, four_digits, identify_page};
 use plant_sim::log::{self, Log};
-use plant_sim::model::Model;
+use plant_sim::model::{Kind, Model};
 
 /// Rows of a log that are read into memory: 10 million are about 1 GB with what a fit makes of them.
-const MOST_ROWS: usize = 10_000_000;
+pub const MOST_ROWS: usize = 10_000_000;
 
 pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
-    let from = match &call.plant {
-        Some(path) => From::Plant(Box::new(Model::read(path)?)),
-        None => From::Logs { hysterons: call.hysterons, mass_kg: call.mass_kg },
+    if call.compare {
+        return super::compare::compare(call);
+    }
+    let kind = call.model.as_deref().unwrap_or_default();
+    if kind == "transfer-function" {
+        return super::compare::transfer_function(call);
+    }
+    let mass_kg = call.mass_kg;
+    let from = match (&call.plant, kind) {
+        (Some(path), _) => {
+            let model = Model::read(path)?;
+            if model.kind.name() != kind {
+                return Err(Failure::call(format!(
+                    "{}: is a plant of kind {} and --model asks for {kind}: name the plant's kind, or another plant",
+                    path.display(),
+                    model.kind.name()
+                )));
+            }
+            From::Plant(Box::new(model))
+        }
+        (None, "bouc-wen") => From::BoucWen { mass_kg: Some(mass_kg) },
+        (None, "bouc-wen-static") => From::BoucWen { mass_kg: None },
+        (None, "linear") => From::Linear { hysterons: call.hysterons, mass_kg },
+        (None, _) => From::Logs { hysterons: call.hysterons, mass_kg },
     };
     let mut warnings = Vec::new();
     if let From::Plant(model) = &from {
@@ -187,8 +208,11 @@ fn page(
         title: "Identification",
         subtitle: &fit.model.name,
         headline: &format!(
-            "{} hysterons explain {worst:.2} % of {}.",
-            fit.model.actuator.hysterons.len(),
+            "{} {worst:.2} % of {}.",
+            match fit.model.kind {
+                Kind::Phs => format!("{} hysterons explain", fit.model.actuator.hysterons.len()),
+                kind => format!("A plant of kind {} explains", kind.name()),
+            },
             if logs.len() == 1 { "the log".to_owned() } else { format!("the worst of {} logs", logs.len()) }
         ),
         logs: &shown,

@@ -3,12 +3,15 @@
 mod blind_check;
 mod board;
 mod board_serve;
+mod compare;
 mod demo;
+mod design;
 mod diagnose;
 mod effects;
 mod identify;
 mod logs;
 mod replay;
+mod reproduce;
 mod simulate;
 
 use crate::arguments::{Arguments, BoardCommand, Command};
@@ -25,6 +28,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Effects(call)) => effects::effects(call),
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
         Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
+        Some(Command::Design(call)) => design::design(call),
+        Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

@@ -7,7 +7,7 @@ use control_core::Limits;
 use gap_diagnosis::page::{SimulationView, four_digits, simulation_page};
 use plant_sim::chain::Chain;
 use plant_sim::controller::Controller;
-use plant_sim::experiment::{Program, Recording, Setup, closed_loop, open_loop, sampled_loop};
+use plant_sim::experiment::{Program, Recording, Setup, closed_loop_inverse, open_loop, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
 use plant_sim::margins::{Suggestion, Verdict, assess, nearest_stable};
 use plant_sim::metrics::{LoopMetrics, Task, loop_metrics};
@@ -48,7 +48,8 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
             }
             controller_name = Some(output::file_name(path));
             facts.push(("gain margin".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
-            closed_loop(&setup, &settings, &program, &progress)?
+            let inverse = if call.no_feedforward { None } else { controller.inverse(call.rate, delay_s(call)) };
+            closed_loop_inverse(&setup, &settings, inverse.as_ref(), &program, &progress)?
         }
         None => open_loop(&setup, &program, &progress)?,
     };
@@ -152,7 +153,7 @@ fn stability(
     settings: &control_core::Settings,
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
-    let regions = chain.plant.linear_regions()?;
+    let regions = chain.linear_regions()?;
     let law = sampled_loop(settings, call.rate, delay_s(call) + chain.drive.delay_s);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {

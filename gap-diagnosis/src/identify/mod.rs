@@ -7,11 +7,13 @@
 //! * A number whose uncertainty after the fit is hardly smaller than before is put back at its prior and said to be unseen.
 //! * Uncertainties count independent samples, not samples: they are widened by the residual's correlation time.
 
+pub mod compare;
 mod guess;
 pub mod parameters;
 pub mod problem;
 mod report;
 mod search;
+pub mod tfest;
 
 use crate::residual::Autocorrelation;
 use plant_sim::chain::Chain;
@@ -35,6 +37,18 @@ pub enum From {
         hysterons: Hysterons,
         /// The weighed mass.
         mass_kg: f64,
+    },
+    /// The logs alone, for a linear plant: hysterons without dead zones (`greyest`).
+    Linear {
+        /// How many of them.
+        hysterons: Hysterons,
+        /// The weighed mass.
+        mass_kg: f64,
+    },
+    /// The logs alone, for a Bouc-Wen actuator, with or without mechanics (`nlgreyest`).
+    BoucWen {
+        /// The weighed mass; `None` for static mechanics.
+        mass_kg: Option<f64>,
     },
 }
 
@@ -212,14 +226,28 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     };
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
-        From::Logs { hysterons, mass_kg } => {
+        From::BoucWen { mass_kg } => {
+            let run_in = run_in_rows(&logs[0], options);
+            let looks = guess::looks(&logs[0], run_in);
+            if looks.gain_m_per_v < 0.0 {
+                return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
+            }
+            // Its loop is wide enough to hide a damped resonance from a linear scan, so that its numbers are always fitted.
+            let model = guess::bouc_wen(&logs[0], run_in, &looks, *mass_kg);
+            fit(model, Basis::Guessed { resonance_seen: true })
+        }
+        From::Logs { hysterons, mass_kg } | From::Linear { hysterons, mass_kg } => {
+            let linear = matches!(options.from, From::Linear { .. });
             let run_in = run_in_rows(&logs[0], options);
             let looks = guess::looks(&logs[0], run_in);
             if looks.gain_m_per_v < 0.0 {
                 return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
             }
             let guessed = |n: usize| {
-                let (model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
+                let (mut model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
+                if linear {
+                    guess::without_dead_zones(&mut model);
+                }
                 fit(model, Basis::Guessed { resonance_seen })
             };
             match hysterons {

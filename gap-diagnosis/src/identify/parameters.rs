@@ -3,8 +3,8 @@
 //! Positive parameters are fitted as logarithms inside bounds: p = prior * exp(B tanh(z / B)), which is prior * exp(z) near the
 //! prior and never leaves prior * exp(+-B). Unbounded logarithms end in local minima in most runs.
 
-use plant_sim::chain::Chain;
-use plant_sim::model::Model;
+use plant_sim::chain::{Chain, Force, Parts};
+use plant_sim::model::{Kind, Model};
 use plant_sim::param::Param;
 use plant_sim::replay::{Initial, Start};
 
@@ -47,11 +47,49 @@ pub enum Quantity {
     Delay,
     /// The sensor's reading at zero displacement.
     Offset,
+    /// M, where the drive is a known force.
+    Mass,
+    /// A number of a Bouc-Wen law.
+    BoucWen(LawNumber),
+}
+
+/// A number of a Bouc-Wen law or of what it drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LawNumber {
+    /// A of an oscillator, N/m; with a transducer only its product with the force shows, and it stays.
+    Amplitude,
+    /// beta.
+    Beta,
+    /// gamma, of either sign.
+    Gamma,
+    /// Kh of (2.2), N.
+    Force,
+    /// Displacement of h = 1 in (2.3).
+    Depth,
+    /// dp of (2.3).
+    StaticGain,
 }
 
 impl Quantity {
-    /// The quantities of a model, mass left out: from displacement alone only ratios to the mass can be identified.
+    /// The quantities of a model, mass left out unless the drive is a known force: from displacement alone only ratios to the mass can be
+    /// identified.
     pub fn of(model: &Model) -> Vec<Quantity> {
+        use LawNumber::{Amplitude, Beta, Depth, Force, Gamma, StaticGain};
+        let law = |numbers: &[LawNumber]| numbers.iter().map(|n| Quantity::BoucWen(*n)).collect::<Vec<_>>();
+        match model.kind {
+            Kind::Phs => {}
+            Kind::BoucWen => {
+                let structure = [Quantity::Stiffness, Quantity::Damping, Quantity::Transduction];
+                return structure.into_iter().chain(law(&[Force, Beta, Gamma])).collect();
+            }
+            Kind::BoucWenStatic => return law(&[StaticGain, Depth, Beta, Gamma]),
+            Kind::BoucWenOscillator => {
+                let structure = [Quantity::Mass, Quantity::Stiffness, Quantity::Damping];
+                return structure.into_iter().chain(law(&[Amplitude, Beta, Gamma])).collect();
+            }
+            // Their coefficients are estimated by `tfest`.
+            Kind::StateSpace | Kind::TransferFunction => return Vec::new(),
+        }
         let mut all = vec![Quantity::Stiffness, Quantity::Damping, Quantity::Transduction];
         for i in 0..model.actuator.hysterons.len() {
             all.extend([Quantity::Capacitance(i), Quantity::Slope(i), Quantity::DeadZone(i)]);
@@ -70,6 +108,8 @@ impl Quantity {
             Quantity::DeadZone(i) => format!("dead_zone{}_V", i + 1),
             Quantity::Delay => "delay_us".into(),
             Quantity::Offset => "offset_um".into(),
+            Quantity::Mass => "mass_kg".into(),
+            Quantity::BoucWen(number) => number.words().0.into(),
         }
     }
 
@@ -84,12 +124,18 @@ impl Quantity {
             Quantity::DeadZone(i) => (format!("dead zone, hysteron {}", i + 1), "V"),
             Quantity::Delay => ("delay".into(), "us"),
             Quantity::Offset => ("sensor offset".into(), "um"),
+            Quantity::Mass => ("mass".into(), "kg"),
+            Quantity::BoucWen(number) => (number.words().1.into(), number.words().2),
         }
     }
 
     /// Factor from SI to the unit of the model file.
     pub fn per_si(self) -> f64 {
-        if matches!(self, Quantity::Delay | Quantity::Offset) { 1e6 } else { 1.0 }
+        match self {
+            Quantity::Delay | Quantity::Offset => 1e6,
+            Quantity::BoucWen(LawNumber::Depth | LawNumber::StaticGain) => 1e6,
+            _ => 1.0,
+        }
     }
 
     /// The number in a chain, SI.
@@ -104,6 +150,9 @@ impl Quantity {
             Quantity::DeadZone(i) => &mut plant.hysterons[i].dead_zone_v,
             Quantity::Delay => &mut chain.drive.delay_s,
             Quantity::Offset => &mut chain.sensor.offset_m,
+            Quantity::Mass => &mut plant.mass_kg,
+            Quantity::BoucWen(LawNumber::StaticGain) => &mut plant.transduction_c_per_m,
+            Quantity::BoucWen(number) => number.of(&mut chain.parts),
         }
     }
 
@@ -118,6 +167,55 @@ impl Quantity {
             Quantity::DeadZone(i) => &mut model.actuator.hysterons[i].dead_zone_v,
             Quantity::Delay => model.drive.delay_us.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
             Quantity::Offset => model.sensor.offset_um.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
+            Quantity::Mass => &mut model.structure.mass_kg,
+            Quantity::BoucWen(number) => {
+                let hysteresis = &mut model.hysteresis;
+                let record = match (number, model.kind) {
+                    (LawNumber::Amplitude, Kind::BoucWenOscillator) => &mut hysteresis.amplitude_n_per_m,
+                    (LawNumber::Amplitude, _) => &mut hysteresis.amplitude_per_v,
+                    (LawNumber::Beta, Kind::BoucWenOscillator) => &mut hysteresis.beta_per_m,
+                    (LawNumber::Beta, _) => &mut hysteresis.beta_per_v,
+                    (LawNumber::Gamma, Kind::BoucWenOscillator) => &mut hysteresis.gamma_per_m,
+                    (LawNumber::Gamma, _) => &mut hysteresis.gamma_per_v,
+                    (LawNumber::Force, _) => &mut hysteresis.force_n,
+                    (LawNumber::Depth, _) => &mut hysteresis.depth_um,
+                    (LawNumber::StaticGain, _) => &mut hysteresis.gain_um_per_v,
+                };
+                record.get_or_insert_with(|| Param::absolute(0.0, 0.0, ""))
+            }
+        }
+    }
+}
+
+impl LawNumber {
+    /// Name in files, name in words, unit.
+    fn words(self) -> (&'static str, &'static str, &'static str) {
+        match self {
+            LawNumber::Amplitude => ("hysteresis_amplitude", "hysteresis slope A", ""),
+            LawNumber::Beta => ("hysteresis_beta", "hysteresis beta", ""),
+            LawNumber::Gamma => ("hysteresis_gamma", "hysteresis gamma", ""),
+            LawNumber::Force => ("hysteresis_force_N", "hysteresis force Kh", "N"),
+            LawNumber::Depth => ("hysteresis_depth_um", "hysteresis depth", "um"),
+            LawNumber::StaticGain => ("gain_um_per_V", "static gain dp", "um/V"),
+        }
+    }
+
+    /// The number in the part that carries the law. A chain of another kind has none, which is a mistake of the caller's.
+    fn of(self, parts: &mut Parts) -> &mut f64 {
+        if let Some(transducer) = &mut parts.transducer {
+            return match self {
+                LawNumber::Amplitude => &mut transducer.law.amplitude,
+                LawNumber::Beta => &mut transducer.law.beta,
+                LawNumber::Gamma => &mut transducer.law.gamma,
+                _ => &mut transducer.force_n,
+            };
+        }
+        let law = parts.forces.iter_mut().find_map(|f| if let Force::BoucWen(law) = f { Some(law) } else { None });
+        let law = law.expect("a quantity of a chain that has the law");
+        match self {
+            LawNumber::Beta => &mut law.beta,
+            LawNumber::Gamma => &mut law.gamma,
+            _ => &mut law.amplitude,
         }
     }
 }

@@ -7,6 +7,7 @@ use super::{Fit, Fitted, LogFit, Verdict};
 use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
 use plant_sim::chain::Chain;
 use plant_sim::metrics::{Score, rms};
+use plant_sim::model::Kind;
 use plant_sim::param::Param;
 use plant_sim::replay::play;
 use std::sync::atomic::Ordering;
@@ -21,15 +22,18 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     let mut model = session.nominal.clone();
     let names: Vec<&str> = session.logs.iter().map(|l| l.name.as_str()).collect();
     let source = format!("identified from {}", names.join(", "));
-    let mut parameters = vec![Fitted {
-        name: "mass_kg".into(),
-        words: ("mass".into(), "kg"),
-        value: session.base.chain.plant.mass_kg,
-        sigma: session.base.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
-        prior: session.base.chain.plant.mass_kg,
-        verdict: Verdict::Given,
-        note: "given; displacement alone determines only ratios to the mass".into(),
-    }];
+    let mut parameters = Vec::new();
+    if matches!(model.kind, Kind::Phs | Kind::BoucWen) {
+        parameters.push(Fitted {
+            name: "mass_kg".into(),
+            words: ("mass".into(), "kg"),
+            value: session.base.chain.plant.mass_kg,
+            sigma: session.base.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
+            prior: session.base.chain.plant.mass_kg,
+            verdict: Verdict::Given,
+            note: "given; displacement alone determines only ratios to the mass".into(),
+        });
+    }
     for (i, free) in free.iter().enumerate() {
         let coordinate_sigma = covariance.as_ref().map_or(f64::NAN, |c| c[(i, i)].sqrt());
         let (value, per_si) = (free.at(z[i]), free.quantity.per_si());

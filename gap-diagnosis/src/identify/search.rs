@@ -1,7 +1,7 @@
 //! The search: several starts on shortened logs, the best one polished on all rows, a delay if the logs show one, and numbers that
 //! they don't show put back.
 
-use super::parameters::{Free, Quantity, Scale, StartCoordinates};
+use super::parameters::{Free, LawNumber, Quantity, Scale, StartCoordinates};
 use super::problem::{Base, Problem, Record, spread_m};
 use super::{IdentifyError, Options, Progress, guess, run_in_rows};
 use crate::residual::{noise_rms, samples_per_independent};
@@ -111,16 +111,20 @@ impl<'a> Session<'a> {
             Basis::Stated => (BOUND_STATED, BOUND_STATED),
             Basis::Guessed { .. } => (BOUND_GUESSED, BOUND_GUESSED / 2.0),
         };
+        let free_of = |quantity: Quantity| {
+            let prior = *quantity.number(&mut chain);
+            if quantity == Quantity::BoucWen(LawNumber::Gamma) {
+                // Of either sign, and of beta's size.
+                let unit = prior.abs().max(*Quantity::BoucWen(LawNumber::Beta).number(&mut chain));
+                return Free { quantity, prior, scale: Scale::Shift { unit }, prior_sigma };
+            }
+            Free { quantity, prior, scale: Scale::Log { bound }, prior_sigma }
+        };
         let mut free: Vec<Free> = Quantity::of(&self.nominal)
             .into_iter()
-            .map(|quantity| Free {
-                quantity,
-                prior: *quantity.number(&mut chain),
-                scale: Scale::Log { bound },
-                prior_sigma,
-            })
+            .map(free_of)
             // A number that is exactly zero (no damping, no dead zone) states a structure, not a guess.
-            .filter(|free| free.prior > 0.0)
+            .filter(|free| free.prior > 0.0 || matches!(free.scale, Scale::Shift { .. }))
             .collect();
         if chain.drive.delay_s > 0.0 {
             free.push(self.delay());

@@ -10,6 +10,8 @@
 
 mod bars;
 mod chart;
+mod compare;
+mod design;
 mod diagnosis;
 mod heat;
 mod identify;
@@ -26,6 +28,8 @@ use std::path::Path;
 
 pub use bars::{BarItem, BarList, Share};
 pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
+pub use compare::{CompareView, ComparedModel, compare_page};
+pub use design::{BodeView, DesignView, PlaneView, TableView, design_page, pole};
 pub use diagnosis::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
     ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,

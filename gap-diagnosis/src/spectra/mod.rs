@@ -3,10 +3,12 @@
 //! Slices in, plain structs out, SI units. What it does not do: read logs, decide what a distortion means.
 
 mod bla;
+mod mimo;
 mod period;
 mod welch;
 
 pub use bla::{BestLinear, SilentLine, best_linear};
+pub use mimo::{Blocks, Mimo, Pair, mimo, peak_hz};
 pub use period::{Repeats, repeats};
 pub use welch::{Frf, PowerDensity, frf, frf_closed_loop, power_density, segment_samples};
 

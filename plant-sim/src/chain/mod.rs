@@ -16,18 +16,22 @@ mod readout;
 mod relax;
 mod sensor;
 mod substep;
+mod transducer;
 mod waveform;
 
 pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
 pub use sensor::{Drift, Line, Sensor, SensorState};
+pub use transducer::DriveHysteresis;
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
+use crate::linear::StateSpace;
 use crate::phs::{Phs, PhsState};
 use readout::Readout;
 use std::collections::VecDeque;
 use substep::Laws;
+use transducer::Transducer;
 use waveform::Waveform;
 
 /// A fraction of a sample below which a delay counts as a whole number of samples: rounding of the numbers that state it.
@@ -50,6 +54,14 @@ pub struct Chain {
     pub parts: Parts,
     /// What turns displacement into the logged number.
     pub sensor: Sensor,
+}
+
+impl Chain {
+    /// Where the structure rests under a drive of `drive_v` at the actuator while hysterons hold their voltages, in metres.
+    pub fn equilibrium_m(&self, drive_v: f64, hysteron_v: &[f64]) -> f64 {
+        let missing_n = self.parts.transducer.map_or(0.0, |part| part.rest_n(drive_v));
+        self.plant.equilibrium_m(drive_v, missing_n, hysteron_v)
+    }
 }
 
 /// A command as it is held: its value when it takes effect and its slope until the next one does.
@@ -81,11 +93,21 @@ pub struct Simulator {
     lag: Option<usize>,
     /// Parallel modes that must not feel the engine's force, because laws are part of it.
     outside: Vec<(f64, Box<dyn Stepper>)>,
+    transducer: Option<Transducer>,
+    is_massless: bool,
+    linear: Option<Box<Instead>>,
     sample_s: f64,
     pace: Pace,
     /// Volts at the actuator at the present sample's start.
     acting_v: f64,
     heat: Option<HeatState>,
+}
+
+/// A linear plant that the engine steps in place of actuator and structure; its first state is what is seen.
+struct Instead {
+    space: StateSpace,
+    /// C A and C B: the rate of what is seen.
+    rate: (Vec<f64>, f64),
 }
 
 /// How a sample is stepped through.
@@ -127,13 +149,18 @@ impl Simulator {
         let parallel = |mode: &Mode| matches!(mode.joint, Joint::Parallel { .. });
         let (outside, modes): (Vec<Mode>, Vec<Mode>) =
             parts.modes.iter().partition(|mode| parts.need_substeps() && parallel(mode));
-        let mut dynamics = Dynamics::with_modes(&plain, &modes);
+        let linear = parts.linear.as_ref().and_then(StateSpace::output_first);
+        let mut dynamics = match &linear {
+            Some(space) => Dynamics::of_linear(space),
+            None => Dynamics::with_modes(&plain, &modes),
+        };
         let first_mode = chain.plant.hysterons.len() + 2;
         let mut seen = vec![0];
         seen.extend((0..modes.len()).filter(|&i| parallel(&modes[i])).map(|i| first_mode + 2 * i));
-        let linear = chain.sensor.play_m == 0.0 && outside.is_empty();
+        let feedthrough = linear.as_ref().is_some_and(|space| space.d != 0.0);
+        let in_engine = chain.sensor.play_m == 0.0 && outside.is_empty() && !feedthrough && !parts.is_massless;
         let lag =
-            chain.sensor.lag.filter(|lag| linear && lag.acts() && dynamics.states() + 2 <= MAX_STATES).map(|lag| {
+            chain.sensor.lag.filter(|lag| in_engine && lag.acts() && dynamics.states() + 2 <= MAX_STATES).map(|lag| {
                 let at = dynamics.states();
                 dynamics = dynamics.clone().with_lag(lag, &seen);
                 at
@@ -169,6 +196,12 @@ impl Simulator {
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),
             lag,
+            transducer: parts.transducer.map(Transducer::new),
+            is_massless: parts.is_massless,
+            linear: linear.map(|space| {
+                let rate = (space.a.row(0).iter().copied().collect(), space.b[0]);
+                Box::new(Instead { space, rate })
+            }),
             sample_s,
             pace,
             acting_v: 0.0,
@@ -197,6 +230,19 @@ impl Simulator {
             let seen_m = packed[0] + parallel.map(|(i, _)| packed[first_mode + 2 * i]).sum::<f64>();
             packed.resize(lag, 0.0);
             packed.push(seen_m);
+        }
+        if let Some(linear) = &self.linear {
+            // What was held ever before has settled; a plant that integrates begins at zero.
+            let settled = linear.space.steady_state(held_v);
+            let settled = settled.filter(|x| x.iter().all(|x| x.is_finite()));
+            let mut x: Vec<f64> = settled.map_or(vec![0.0; linear.space.a.nrows()], |x| x.iter().copied().collect());
+            if self.lag.is_some() {
+                x.push(x[0]);
+            }
+            packed = x;
+        }
+        if let Some(transducer) = &mut self.transducer {
+            transducer.rest_on(held_v);
         }
         self.stepper.set_state(&packed);
         for (compliance_m_per_n, mode) in &mut self.outside {
@@ -235,7 +281,14 @@ impl Simulator {
 
     /// Displacement and velocity of the structure, in metres and m/s, at the present sample's start.
     pub fn motion(&self) -> (f64, f64) {
-        (self.stepper.state(0), self.stepper.state(1))
+        match &self.linear {
+            None => (self.stepper.state(0), self.stepper.state(1)),
+            Some(linear) => {
+                let row = linear.rate.0.iter().enumerate();
+                let rate = row.map(|(i, weight)| weight * self.stepper.state(i)).sum::<f64>();
+                (self.seen_m(), rate + linear.rate.1 * self.acting_v)
+            }
+        }
     }
 
     /// Volts at the actuator at the present sample's start.
@@ -251,6 +304,7 @@ impl Simulator {
     fn seen_m(&self) -> f64 {
         self.seen.iter().map(|&state| self.stepper.state(state)).sum::<f64>()
             + self.outside.iter().map(|(_, mode)| mode.state(0)).sum::<f64>()
+            + self.linear.as_ref().map_or(0.0, |linear| linear.space.d * self.acting_v)
     }
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
@@ -258,8 +312,11 @@ impl Simulator {
         let alpha =
             self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, |heat| heat.gain(0.5 * self.sample_s));
         let stepper = self.stepper.as_mut();
+        let transducer = &mut self.transducer;
         self.acting_v = match &mut self.pace {
-            Pace::Exact(queue) => queue.advance(stepper, &self.drive, self.sample_s, command, alpha, force_n),
+            Pace::Exact(queue) => {
+                queue.advance(stepper, transducer, &self.drive, self.sample_s, command, alpha, force_n)
+            }
             Pace::Fine { waveform, laws, count } => {
                 waveform.push(command);
                 let step_s = self.sample_s / *count as f64;
@@ -268,6 +325,9 @@ impl Simulator {
                     let [start_v, slope, curve] = waveform.parabola(from_s, step_s);
                     let mut push =
                         Push { force_n: alpha * start_v - force_n, slope: alpha * slope, curve: alpha * curve };
+                    if let Some(transducer) = transducer {
+                        push = push.without(transducer.missing([start_v, slope, curve], step_s));
+                    }
                     if let Some(laws) = laws {
                         let time_s = waveform.sample_start_s() + from_s;
                         let pull = [push.force_n, push.slope, push.curve];
@@ -298,6 +358,11 @@ impl Simulator {
         if let Some(heat) = &mut self.heat {
             heat.pass(self.acting_v, self.sample_s);
         }
+        if self.is_massless {
+            let missing_n = self.transducer.as_ref().map_or(0.0, Transducer::now_n);
+            let place_m = (alpha * self.acting_v - missing_n - force_n) / self.plant.stiffness_n_per_m;
+            self.stepper.set_state(&[place_m, 0.0]);
+        }
         self.readout.advance(self.seen_m(), self.stepper.state(1));
     }
 }
@@ -323,9 +388,11 @@ impl Queue {
 
     /// Steps through one sample under force `alpha` times drive minus `force_n`; returns the volts at its end.
     #[inline]
+    #[expect(clippy::too_many_arguments, reason = "one sample needs them all, and a struct would be made anew in each")]
     fn advance(
         &mut self,
         stepper: &mut dyn Stepper,
+        transducer: &mut Option<Transducer>,
         drive: &Drive,
         sample_s: f64,
         command: Held,
@@ -336,6 +403,13 @@ impl Queue {
         let acting = self.take_oldest();
         let mut push = |span: usize, held: Held, age_s: f64, duration_s: f64| {
             let start_v = drive.output_v(held.start_v + held.slope_v_per_s * age_s);
+            if let Some(transducer) = transducer {
+                let end_v = drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+                let slope = (end_v - start_v) / duration_s;
+                let push = Push::ramp(alpha * start_v - force_n, alpha * slope);
+                stepper.push(span, push.without(transducer.missing([start_v, slope, 0.0], duration_s)));
+                return end_v;
+            }
             if held.slope_v_per_s == 0.0 {
                 stepper.advance(span, alpha * start_v - force_n, 0.0);
                 return start_v;

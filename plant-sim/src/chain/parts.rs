@@ -2,9 +2,13 @@
 //! deviate from the straight admittance with a dead zone.
 //!
 //! Creep and further hysterons need no part of their own: they are hysterons of the plant, without a dead zone or with one. A payload
-//! is mass.
+//! is mass. Plants of other kinds ([`crate::model::Kind`]) are parts in place of hysterons or of the whole structure.
 
-/// Everything beyond the nominal plant; empty for a nominal chain.
+use super::DriveHysteresis;
+use crate::bouc_wen::BoucWen;
+use crate::linear::StateSpace;
+
+/// Everything beyond the nominal plant, or in place of parts of it; empty for a nominal chain of hysterons.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parts {
     /// Forces against the motion of the mass.
@@ -17,6 +21,12 @@ pub struct Parts {
     pub creep: Vec<Relaxation>,
     /// Arms between structure and target: the reading is q + share (s - q), s a resonant follower of q.
     pub arms: Vec<Arm>,
+    /// Hysteresis of the transducer, driven by the voltage.
+    pub transducer: Option<DriveHysteresis>,
+    /// The structure follows its force at once, q = F/k: neither mass nor damper act.
+    pub is_massless: bool,
+    /// A linear plant in place of actuator and structure, from volts at the actuator to metres at the sensor.
+    pub linear: Option<StateSpace>,
     /// Whether laws that are not affine may be followed to tens of nanometres at corners instead of to one: several times faster, for
     /// searches that simulate a thousand times.
     pub is_coarse: bool,
@@ -71,6 +81,8 @@ pub enum Force {
         /// Displacement over which the force builds up, in metres.
         presliding_m: f64,
     },
+    /// Hysteresis of the structure: a Bouc-Wen law in newton, driven by the displacement in metres.
+    BoucWen(BoucWen),
     /// Coulomb friction Fc tanh(v / speed).
     Smooth {
         /// Fc in N.

@@ -102,6 +102,7 @@ impl Quadrature {
                 Force::Presliding { presliding_m, .. } => {
                     quadrature.presliding_m = quadrature.presliding_m.min(presliding_m.max(1e-15));
                 }
+                Force::BoucWen(law) => quadrature.presliding_m = quadrature.presliding_m.min(law.length().max(1e-15)),
                 _ => {}
             }
         }

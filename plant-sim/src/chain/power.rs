@@ -1,8 +1,8 @@
 //! Energy of the plant with its parts: what each part stores and what it turns into heat.
 //!
 //! Supplied is alpha V q' by the drive. External lines and forces are sources: they supply -F q'. A residual mode in parallel stands for
-//! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. Drive
-//! and sensor carry signals, not energy.
+//! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
+//! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
@@ -15,7 +15,7 @@ pub struct Snapshot {
     pub plant: PhsState,
     /// Displacement and velocity of each attached mode, in the order of the chain's.
     pub attached: Vec<[f64; 2]>,
-    /// z of each force with presliding, zero for the others.
+    /// z of each force with presliding, h of each Bouc-Wen law in newton, zero for the others.
     pub slid: Vec<f64>,
 }
 
@@ -29,7 +29,7 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
     let charge =
         |(i, hysteron): (usize, &Hysteron)| charged_j(hysteron, skew(&chain.parts.bends, i), state.hysteron_v[i]);
     let electric: f64 = chain.plant.hysterons.iter().enumerate().map(charge).sum();
-    let elastic = |force: &Force| match *force {
+    let elastic = |(force, &h): (&Force, &f64)| match *force {
         Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
             q.powi(3) * (quadratic_n_per_m2 / 3.0 + cubic_n_per_m3 / 4.0 * q)
         }
@@ -38,8 +38,10 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
         }
         Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } | Force::Line { .. } => 0.0,
+        // h h'/A = h q' less what is turned into heat.
+        Force::BoucWen(law) => 0.5 * h * h / law.amplitude,
     };
-    let forces: f64 = chain.parts.forces.iter().map(elastic).sum();
+    let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(elastic).sum();
     let modes: f64 = attached(chain, held)
         .map(|(mass_kg, rad_per_s, _, [y, u])| 0.5 * mass_kg * ((rad_per_s * (y - q)).powi(2) + u * u))
         .sum();
@@ -59,6 +61,10 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         .sum();
     let friction = |(force, z): (&Force, &f64)| match *force {
         Force::Presliding { coulomb_n, .. } => coulomb_n * z * w,
+        // Never negative if beta >= |gamma|.
+        Force::BoucWen(law) => {
+            (law.beta * w.abs() * z.abs() + law.gamma * w * z) * z.abs().powf(law.exponent) / law.amplitude
+        }
         Force::Smooth { coulomb_n, speed_m_per_s } => coulomb_n * (w / speed_m_per_s).tanh() * w,
         Force::Power { force_n, reference_m_per_s, exponent } => {
             force_n * (w.abs() / reference_m_per_s).powf(exponent) * w.abs()

@@ -98,6 +98,7 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             }
             Force::OneSided { stiffness_n_per_m } | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
+            Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
             Force::Smooth { .. } | Force::Power { .. } | Force::Line { .. } => 0.0,
         })
         .sum();
@@ -166,7 +167,7 @@ impl Laws {
         self.rates.len()
     }
 
-    /// z of each presliding friction, zero for other forces.
+    /// z of each presliding friction and h of each Bouc-Wen law, zero for other forces.
     pub(super) fn slid(&self) -> &[f64] {
         &self.slid
     }
@@ -362,6 +363,7 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, tim
             // A spring that would pull the mass away must not outdo the plant's own.
             Force::OneSided { stiffness_n_per_m } => stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m) * q.max(0.0),
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
+            Force::BoucWen(law) => law.after(z, by_m),
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
                 stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
@@ -378,8 +380,10 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, tim
 
 fn drag(forces: &[Force], slid: &mut [f64], by_m: f64) {
     for (force, z) in forces.iter().zip(slid) {
-        if let Force::Presliding { presliding_m, .. } = *force {
-            *z = dragged(*z, by_m, presliding_m);
+        match *force {
+            Force::Presliding { presliding_m, .. } => *z = dragged(*z, by_m, presliding_m),
+            Force::BoucWen(law) => *z = law.after(*z, by_m),
+            _ => {}
         }
     }
 }

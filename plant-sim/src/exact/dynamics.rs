@@ -1,6 +1,8 @@
 //! What the engine steps: a linear system, its dead zones, and the scales that make its matrix comparable across units.
 
 use crate::chain::{Joint, Lag, Mode};
+use crate::linear::StateSpace;
+use crate::margins::balance;
 use crate::phs::Phs;
 use nalgebra::{DMatrix, DVector};
 
@@ -95,6 +97,13 @@ impl Dynamics {
         let mut force = DVector::zeros(n + 2);
         force[VELOCITY] = 1.0 / m;
         Self { closed, force, dead_zones, scale, turning_rate_per_s: (stiffness / m).sqrt() + b / m }
+    }
+
+    /// A linear plant whose input in volts takes the place of the force.
+    pub fn of_linear(space: &StateSpace) -> Self {
+        let mut balanced = space.a.clone();
+        let scale = DVector::from_vec(balance(&mut balanced));
+        Self { closed: space.a.clone(), force: space.b.clone(), dead_zones: Vec::new(), scale, turning_rate_per_s: 0.0 }
     }
 
     /// The plant with oscillators, two states [displacement, velocity] each behind those of the plant.

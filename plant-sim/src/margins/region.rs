@@ -23,6 +23,7 @@
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 use super::MarginError;
+use crate::chain::{Chain, Force};
 use crate::phs::{Hysteron, Phs};
 
 /// More hysterons than this would mean more than 65536 regions, which is a mistake in the caller rather than a plant.
@@ -40,6 +41,43 @@ pub struct LinearRegion {
     pub b: DVector<f64>,
     /// Output row, metres.
     pub c: RowDVector<f64>,
+}
+
+/// Linear regions of whatever plant the chain has.
+impl Chain {
+    /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; of a Bouc-Wen law, the plant at its least and its
+    /// largest slope. Other parts of the chain are left out.
+    ///
+    /// # Errors
+    /// See [`MarginError`].
+    pub fn linear_regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
+        if let Some(space) = &self.parts.linear {
+            return Ok(vec![space.region("linear plant")]);
+        }
+        let law = |force: &Force| if let Force::BoucWen(law) = force { Some(*law) } else { None };
+        let ends = |[low, high]: [f64; 2]| [(low, "saturated"), (high, "after a turn")];
+        if let Some(transducer) = self.parts.transducer {
+            let alpha = self.plant.transduction_c_per_m;
+            let slopes = transducer.law.slopes(1.0).map(|slope| alpha - transducer.force_n * slope);
+            let of = |(alpha, label): (f64, &str)| {
+                if self.parts.is_massless {
+                    return Err(MarginError::Massless);
+                }
+                let mut region = self.plant.linear_region(&[])?;
+                region.b[1] = alpha / self.plant.mass_kg;
+                Ok(LinearRegion { label: format!("Bouc-Wen, {label}"), ..region })
+            };
+            return ends(slopes).into_iter().map(of).collect();
+        }
+        if let Some(law) = self.parts.forces.iter().find_map(law) {
+            let of = |(slope, label): (f64, &str)| {
+                let stiffer = Phs { stiffness_n_per_m: self.plant.stiffness_n_per_m + slope, ..self.plant.clone() };
+                Ok(LinearRegion { label: format!("Bouc-Wen, {label}"), ..stiffer.linear_region(&[])? })
+            };
+            return ends(law.slopes(0.0)).into_iter().map(of).collect();
+        }
+        self.plant.linear_regions()
+    }
 }
 
 /// Linear regions of the plant.

@@ -239,7 +239,7 @@ fn eigenvalues(mut matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
 
 /// Scales the state by powers of two until the off-diagonal part of each row is as large as that of its column (Osborne's method).
 /// Returns the factors s of the new coordinates `x_old = s x_new`.
-fn balance(matrix: &mut DMatrix<f64>) -> Vec<f64> {
+pub(crate) fn balance(matrix: &mut DMatrix<f64>) -> Vec<f64> {
     let n = matrix.nrows();
     let mut scale = vec![1.0; n];
     // It converges in two or three sweeps; the limit is for matrices that never balance.

@@ -211,6 +211,12 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                 dx[SLID + i] = (w - z * w.abs()) / presliding_m;
                 coulomb_n * z
             }
+            Force::BoucWen(law) => {
+                let h = x[SLID + i];
+                let power = h.abs().powf(law.exponent);
+                dx[SLID + i] = law.amplitude * w - (law.beta * w.abs() * h.signum() + law.gamma * w) * power;
+                h
+            }
             Force::Smooth { coulomb_n, speed_m_per_s } => coulomb_n * (w / speed_m_per_s).tanh(),
             Force::Power { force_n, reference_m_per_s, exponent } => {
                 // As documented: below 1e-9 of the reference the law is straight.

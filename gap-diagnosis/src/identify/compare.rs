@@ -1,0 +1,232 @@
+//! All kinds of models on the same logs, ranked by what was never fitted.
+//!
+//! Held out are whole logs where the caller names some, and otherwise the last part of each log, which is simulated through from the
+//! fitted start, since hysteresis remembers. The ranking is by the rms on what is held out; beside it stands the evidence of
+//! what was fitted: the Bayesian criterion, counted alike for all in the independent samples of the least correlated residual.
+
+use super::tfest::tfest;
+use super::{From, Hysterons, IdentifyError, LogFit, Options, Progress, fit_start, identify, run_in_rows};
+use plant_sim::log::Log;
+use plant_sim::metrics::Score;
+use plant_sim::model::Model;
+use plant_sim::replay::{Initial, Start, predict};
+
+/// Share of each log that is held out where no whole logs are.
+const HELD_OUT: f64 = 0.3;
+
+/// One log or stretch that was never fitted.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// The log, and which part of it.
+    pub name: String,
+    /// Rms of measured minus predicted, metres.
+    pub rms_m: f64,
+    /// Fit percent.
+    pub fit_percent: f64,
+}
+
+/// One kind of model.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// What it is, in words.
+    pub kind: String,
+    /// The fitted model, ready to be written.
+    pub model: Model,
+    /// Coordinates fitted, offsets and starts included.
+    pub coordinates: usize,
+    /// Rms over what was fitted, metres.
+    pub fitted_rms_m: f64,
+    /// Worst fit percent of what was fitted.
+    pub fitted_percent: f64,
+    /// What was never fitted.
+    pub held_out: Vec<HeldOut>,
+    /// Rms over all that was never fitted, metres.
+    pub held_out_rms_m: f64,
+    /// Mean fit percent of what was never fitted.
+    pub held_out_percent: f64,
+    /// Bayesian criterion less that of the best; zero is best.
+    pub evidence: f64,
+    independent: f64,
+}
+
+/// A ranking, the best first.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// The models.
+    pub candidates: Vec<Candidate>,
+    /// Kinds that led to no fit, and why.
+    pub failed: Vec<(String, IdentifyError)>,
+    /// Whether whole logs were held out.
+    pub whole_logs: bool,
+    /// Rms of the logs' noise, metres: no model can do better.
+    pub noise_m: f64,
+}
+
+/// Fits every kind to `logs` and ranks them on `held_out`; `stated` is a plant with hysterons to start from, if there is one.
+///
+/// # Errors
+/// Logs that no model can be fitted to.
+pub fn compare(
+    logs: &[Log],
+    held_out: &[Log],
+    stated: Option<&Model>,
+    mass_kg: f64,
+    options: &Options,
+    progress: Progress<'_>,
+) -> Result<Comparison, IdentifyError> {
+    super::check(logs, options)?;
+    let whole_logs = !held_out.is_empty();
+    let fitted: Vec<Log> = if whole_logs { logs.to_vec() } else { logs.iter().map(first_part).collect() };
+    let arena = Arena { logs, held_out, options };
+    let mut candidates = Vec::new();
+    let mut failed = Vec::new();
+    let mut noise_m = f64::INFINITY;
+    let mass_kg = stated.map_or(mass_kg, |model| model.structure.mass_kg.value);
+    let phs = |n: usize| From::Logs { hysterons: Hysterons::Fixed(n), mass_kg };
+    let mut kinds: Vec<(String, From)> = vec![
+        ("Bouc-Wen, static mechanics".into(), From::BoucWen { mass_kg: None }),
+        ("Bouc-Wen actuator".into(), From::BoucWen { mass_kg: Some(mass_kg) }),
+        ("second order, linear".into(), phs(0)),
+    ];
+    for n in 1..=3 {
+        kinds.push((
+            format!("linear grey box, {}", hysterons(n)),
+            From::Linear { hysterons: Hysterons::Fixed(n), mass_kg },
+        ));
+        kinds.push((format!("port-Hamiltonian, {}", hysterons(n)), phs(n)));
+    }
+    if let Some(model) = stated {
+        let n = model.actuator.hysterons.len();
+        kinds.push((
+            format!("port-Hamiltonian, {}, from the stated plant", hysterons(n)),
+            From::Plant(Box::new(model.clone())),
+        ));
+    }
+    progress("transfer functions", 0);
+    match tfest(&fitted, options, None) {
+        Ok(found) => {
+            // The best is of whatever order the logs call for.
+            if let Some(best) = found.into_iter().next() {
+                let kind = format!("transfer function, {} poles, {} zeros", best.order, best.zeros);
+                let model = best.model();
+                candidates.push(arena.judge(
+                    kind,
+                    model,
+                    &best.logs,
+                    best.coordinates,
+                    best.independent_samples,
+                    best.rms_m,
+                )?);
+            }
+        }
+        Err(error) => failed.push(("transfer function".to_owned(), error)),
+    }
+    for (kind, from) in kinds {
+        let own = Options { from, ..options.clone() };
+        let say = |phase: &str, simulations: usize| progress(&format!("{kind}: {phase}"), simulations);
+        match identify(&fitted, &own, &say) {
+            Ok(fit) => {
+                noise_m = fit.logs.iter().map(|log| log.noise_m).fold(noise_m, f64::min);
+                let (coordinates, independent, rms_m) = (fit.coordinates, fit.independent_samples, fit.rms_m);
+                candidates.push(arena.judge(kind, fit.model, &fit.logs, coordinates, independent, rms_m)?);
+            }
+            Err(error) => failed.push((kind, error)),
+        }
+    }
+    let samples = candidates.iter().map(|c| c.independent).fold(0.0, f64::max);
+    for candidate in &mut candidates {
+        candidate.evidence =
+            samples * 2.0 * candidate.fitted_rms_m.ln() + candidate.coordinates as f64 * samples.max(2.0).ln();
+    }
+    let best = candidates.iter().map(|c| c.evidence).fold(f64::INFINITY, f64::min);
+    candidates.iter_mut().for_each(|c| c.evidence -= best);
+    candidates.sort_by(|a, b| a.held_out_rms_m.total_cmp(&b.held_out_rms_m));
+    if candidates.is_empty() {
+        return Err(IdentifyError::NoFit { starts: options.starts });
+    }
+    Ok(Comparison { candidates, failed, whole_logs, noise_m })
+}
+
+fn hysterons(n: usize) -> String {
+    if n == 1 { "1 hysteron".to_owned() } else { format!("{n} hysterons") }
+}
+
+/// The log without its last part.
+fn first_part(log: &Log) -> Log {
+    let rows = rows_fitted(log);
+    let mut first = log.clone();
+    for column in
+        [Some(&mut first.command_v), Some(&mut first.displacement_m), first.force_n.as_mut()].into_iter().flatten()
+    {
+        column.truncate(rows);
+    }
+    first
+}
+
+fn rows_fitted(log: &Log) -> usize {
+    ((1.0 - HELD_OUT) * log.len() as f64) as usize
+}
+
+/// What candidates are judged on.
+struct Arena<'a> {
+    logs: &'a [Log],
+    held_out: &'a [Log],
+    options: &'a Options,
+}
+
+impl Arena<'_> {
+    fn judge(
+        &self,
+        kind: String,
+        model: Model,
+        fits: &[LogFit],
+        coordinates: usize,
+        independent: f64,
+        fitted_rms_m: f64,
+    ) -> Result<Candidate, IdentifyError> {
+        // Offsets are each log's own, and what is random or rounded is what the residual is made of.
+        let mut chain = model.chain();
+        (chain.sensor.offset_m, chain.sensor.noise_m, chain.sensor.quantum_m) = (0.0, 0.0, 0.0);
+        let mut held_out = Vec::new();
+        let mut all = (0.0, 0.0);
+        let mut score = |name: String, log: &Log, start: &Start, offset_m: f64, from: usize| {
+            let mut own = Score::default();
+            let predicted = predict(&chain, log, start, log.len());
+            log.displacement_m.iter().zip(&predicted).skip(from).for_each(|(y, p)| own.add(*y, *p + offset_m));
+            all.0 += own.rms_m(false).powi(2) * own.rows() as f64;
+            all.1 += own.rows() as f64;
+            held_out.push(HeldOut { name, rms_m: own.rms_m(false), fit_percent: own.fit_percent(false) });
+        };
+        if self.held_out.is_empty() {
+            for (log, fit) in self.logs.iter().zip(fits) {
+                let name = format!("{}, last {:.0} %", log.name, 100.0 * HELD_OUT);
+                score(name, log, &fit.start, fit.offset_m, rows_fitted(log));
+            }
+        } else {
+            for log in self.held_out {
+                let run_in = run_in_rows(log, self.options);
+                let initial = if model.kind.has_structure() || self.options.initial == Initial::Relaxed {
+                    self.options.initial
+                } else {
+                    Initial::Rest
+                };
+                let (start, offset_m) = fit_start(&chain, log, initial, run_in, true)?;
+                score(log.name.clone(), log, &start, offset_m, run_in);
+            }
+        }
+        let fits_of = held_out.iter().map(|h| h.fit_percent).filter(|f| f.is_finite());
+        let (sum, count) = fits_of.fold((0.0, 0.0), |(sum, count), fit| (sum + fit, count + 1.0));
+        Ok(Candidate {
+            kind,
+            model,
+            coordinates,
+            fitted_rms_m,
+            fitted_percent: fits.iter().map(|f| f.fit_percent).fold(f64::INFINITY, f64::min),
+            held_out_rms_m: (all.0 / all.1).sqrt(),
+            held_out_percent: if count > 0.0 { sum / count } else { f64::NAN },
+            held_out,
+            evidence: 0.0,
+            independent,
+        })
+    }
+}

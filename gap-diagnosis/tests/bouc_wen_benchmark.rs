@@ -1,0 +1,88 @@
+//! The Bouc-Wen benchmark (Noel and Schoukens 2016): a grey-box oscillator from the estimation data, judged on the official tests.
+//!
+//! Force in, displacement out, 750 Hz, band-limited between samples. The search starts from the linear baseline that comes with the data (2 kg,
+//! 10 N s/m, 50 kN/m) and from a hysteresis of that stiffness whose loops bend over the data's own displacement.
+
+mod shared_data;
+
+use gap_diagnosis::identify::{From, Options, identify};
+use plant_sim::chain::Sensor;
+use plant_sim::log::{Hold, Log};
+use plant_sim::metrics::rms;
+use plant_sim::model::{Kind, Model};
+use plant_sim::param::Param;
+use plant_sim::replay::{Initial, Start, predict};
+
+const RATE_HZ: f64 = 750.0;
+const PERIOD: usize = 8192;
+/// Rows that settle, and rows that are fitted.
+const RUN_IN: usize = 768;
+const FITTED: usize = 1792;
+
+fn log(name: &str, force_n: &[f64], displacement_m: &[f64]) -> Log {
+    let mut log = Log {
+        name: name.into(),
+        dt_s: 1.0 / RATE_HZ,
+        command_v: force_n.to_vec(),
+        displacement_m: displacement_m.to_vec(),
+        ..Log::default()
+    };
+    log.meta.hold = Hold::Bandlimited;
+    log
+}
+
+fn start(displacement_rms_m: f64) -> Model {
+    let given = |value: f64| Param::new(value, 0.3, "baseline of the benchmark, or of its size");
+    let mut model = Model::empty("Bouc-Wen oscillator");
+    model.kind = Kind::BoucWenOscillator;
+    model.actuator.transduction_c_per_m = Param::new(1.0, 0.0, "the drive is the force, in newton");
+    model.structure.mass_kg = given(2.0);
+    model.structure.damping_n_s_per_m = given(10.0);
+    model.structure.stiffness_n_per_m = given(5e4);
+    model.hysteresis.amplitude_n_per_m = Some(given(4e4));
+    model.hysteresis.beta_per_m = Some(given(1.0 / displacement_rms_m));
+    model.hysteresis.gamma_per_m = Some(given(-0.5 / displacement_rms_m));
+    model
+}
+
+/// Rms error over the last `scored` rows.
+fn error(model: &Model, log: &Log, scored: usize) -> f64 {
+    let mut chain = model.chain();
+    chain.sensor = Sensor::IDEAL;
+    let predicted = predict(&chain, log, &Start::relaxed(&chain), log.len());
+    let from = log.len() - scored;
+    rms(log.displacement_m[from..].iter().zip(&predicted[from..]).map(|(y, p)| y - p))
+}
+
+#[test]
+fn the_grey_box_knows_the_oscillator() {
+    let names =
+        ["uest_multisine", "yest_multisine", "uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep"];
+    let Some(data) = names.iter().map(|name| shared_data::bouc_wen(name)).collect::<Option<Vec<_>>>() else { return };
+    // The estimation data are four periods of a steady state with noise: their mean has half of it. A tenth of a period settles from rest.
+    let mean = |k: usize| (0..4).map(|p| data[1][p * PERIOD + k]).sum::<f64>() / 4.0;
+    let displacement_m: Vec<f64> = (0..RUN_IN + FITTED).map(mean).collect();
+    let training = log("estimation", &data[0][..RUN_IN + FITTED], &displacement_m);
+    let options = Options {
+        from: From::Plant(Box::new(start(rms(data[1].iter().copied())))),
+        initial: Initial::Relaxed,
+        run_in_s: Some(RUN_IN as f64 / RATE_HZ),
+        starts: 1,
+        seed: 1,
+    };
+    let fit = identify(&[training], &options, &|_, _| {}).expect("fitted");
+    // The official test is one period of a steady state.
+    let twice = |signal: &[f64]| signal.iter().chain(signal).copied().collect::<Vec<f64>>();
+    let test = log("test", &twice(&data[2]), &twice(&data[3]));
+    let multisine = error(&fit.model, &test, PERIOD);
+    let sweep = error(&fit.model, &log("sweep", &data[4], &data[5]), data[4].len());
+    // Measured 1.5e-7 m; the best published black box has 7.5e-6, and below 1e-8 the test would know the test.
+    assert!((1e-8..=7.5e-7).contains(&multisine), "{multisine:e}");
+    // The sweep measures 2.4e-6 m.
+    assert!((1e-7..3.5e-6).contains(&sweep), "{sweep:e}");
+    // What made the data, as the benchmark states it: 2 kg, 10 N s/m, 5e4 N/m and z' = 5e4 q' - 800 |q'| z + 1100 q' |z|.
+    let truth = [2.0, 5e4, 10.0, 5e4, 800.0, -1100.0];
+    for (p, truth) in fit.parameters.iter().zip(truth) {
+        assert!((p.value - truth).abs() < 4.0 * p.sigma.max(1e-3 * truth.abs()), "{} {} {}", p.name, p.value, p.sigma);
+    }
+}

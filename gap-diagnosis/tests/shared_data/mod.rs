@@ -1,0 +1,45 @@
+//! Other people's benchmark data, where they lie beside the project; `None` and a word where they don't.
+#![allow(dead_code, reason = "each program uses a part of this module")]
+
+use std::path::PathBuf;
+
+fn path(name: &str) -> Option<PathBuf> {
+    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("not run: ../shared/data/{name} is not here");
+    None
+}
+
+/// The only numeric variable of a MAT file of the Bouc-Wen benchmark.
+pub fn bouc_wen(name: &str) -> Option<Vec<f64>> {
+    let path = path(&format!("boucwen-benchmark/{name}.mat"))?;
+    let file = matrw::load_matfile(path.to_str()?).expect("a MAT file of the benchmark");
+    let variable = if name.starts_with("uest") {
+        "u"
+    } else if name.starts_with("yest") {
+        "y"
+    } else {
+        name
+    };
+    Some(file[variable].to_vec_f64().expect("a vector of doubles"))
+}
+
+/// A four-dimensional array of the fine steering mirror: [sample][channel][realisation][period], each channel of each realisation
+/// with its periods one after the other.
+pub fn mirror(name: &str) -> Option<Vec<Vec<Vec<Vec<f64>>>>> {
+    let path = path(&format!("fsm-cubespec/{name}.npy"))?;
+    let bytes = std::fs::read(path).expect("readable");
+    let file = npyz::NpyFile::new(&bytes[..]).expect("an array of the benchmark");
+    let shape: Vec<usize> = file.shape().iter().map(|n| *n as usize).collect();
+    let order = file.order();
+    let data: Vec<f64> = file.into_vec().expect("doubles");
+    let [n, channels, realisations, periods] = shape[..] else { panic!("{shape:?}") };
+    let at = |i: usize, c: usize, r: usize, p: usize| match order {
+        npyz::Order::C => data[((i * channels + c) * realisations + r) * periods + p],
+        npyz::Order::Fortran => data[((p * realisations + r) * channels + c) * n + i],
+    };
+    let of = |r: usize, c: usize| (0..periods).map(|p| (0..n).map(|i| at(i, c, r, p)).collect()).collect();
+    Some((0..realisations).map(|r| (0..channels).map(|c| of(r, c)).collect()).collect())
+}

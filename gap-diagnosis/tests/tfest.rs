@@ -1,0 +1,93 @@
+//! Transfer functions and linear grey boxes from logs: known coefficients come back, and the order is that of the plant.
+
+use gap_diagnosis::identify::tfest::tfest;
+use gap_diagnosis::identify::{From, Hysterons, Options, identify};
+use plant_sim::chain::Chain;
+use plant_sim::log::Log;
+use plant_sim::model::Model;
+use plant_sim::replay::{Initial, Start, predict};
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64;
+use std::path::Path;
+
+fn model(name: &str) -> Model {
+    Model::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)).expect("a model of the project")
+}
+
+/// A log of `chain` with white noise.
+fn made(chain: &Chain, rate_hz: f64, command_v: Vec<f64>, noise_m: f64) -> Log {
+    let mut log = Log {
+        name: "made".into(),
+        dt_s: 1.0 / rate_hz,
+        displacement_m: vec![0.0; command_v.len()],
+        command_v,
+        ..Log::default()
+    };
+    log.displacement_m = predict(chain, &log, &Start::relaxed(chain), log.len());
+    let mut random = Pcg64::seed_from_u64(7);
+    let noise = Normal::new(0.0, noise_m).expect("a spread");
+    log.displacement_m.iter_mut().for_each(|y| *y += noise.sample(&mut random));
+    log
+}
+
+fn options(from: From) -> Options {
+    Options { from, initial: Initial::Relaxed, run_in_s: None, starts: 3, seed: 1 }
+}
+
+/// Zero for a tenth, then `levels_v` for equal times.
+fn steps(levels_v: &[f64], rows: usize) -> Vec<f64> {
+    let each = rows * 9 / 10 / levels_v.len();
+    let mut command_v = vec![0.0; rows / 10];
+    command_v.extend(levels_v.iter().flat_map(|v| std::iter::repeat_n(*v, each)));
+    command_v
+}
+
+const ANY: From = From::Linear { hysterons: Hysterons::Fixed(0), mass_kg: 1.0148e-3 };
+
+#[test]
+fn a_second_order_plant_comes_back_with_its_order() {
+    let chain = model("thesis-newid2.toml").chain();
+    let log = made(&chain, 20e3, steps(&[60.0, 20.0, -40.0], 2000), 50e-9);
+    // Mass weighed, k and b from the step train: the thesis' linear grey box.
+    let mass_kg = 1.0148e-3;
+    let from = From::Logs { hysterons: Hysterons::Fixed(0), mass_kg };
+    let grey = identify(std::slice::from_ref(&log), &options(from), &|_, _| {}).expect("fitted");
+    let number = |name: &str| grey.parameters.iter().find(|p| p.name == name).expect("a number of the plant").value;
+    assert!((number("stiffness_N_per_m") / 9680.2 - 1.0).abs() < 2e-3);
+    assert!((number("damping_N_s_per_m") / 2.5928 - 1.0).abs() < 5e-3);
+    let found = tfest(&[log], &options(ANY), None).expect("estimated");
+    let best = &found[0];
+    assert_eq!((best.order, best.zeros), (2, 0));
+    // 2555 and 9.539e6 and 16.78, as the model file has them; 2000 samples at 50 nm in 100 um leave some 1e-3.
+    let plant = &chain.plant;
+    let truth = [
+        plant.damping_n_s_per_m / plant.mass_kg,
+        plant.stiffness_n_per_m / plant.mass_kg,
+        plant.transduction_c_per_m / plant.mass_kg,
+    ];
+    for (ours, truth) in [best.tf.denominator[1], best.tf.denominator[2], best.tf.numerator[0]].iter().zip(truth) {
+        assert!((ours / truth - 1.0).abs() < 2e-3, "{:?}", best.tf);
+    }
+}
+
+#[test]
+fn a_step_needs_two_hysterons() {
+    let chain = model("thesis-phs.toml").chain();
+    let log = made(&chain, 20e3, steps(&[60.0], 2000), 20e-9);
+    let rms_of = |from: From| identify(std::slice::from_ref(&log), &options(from), &|_, _| {}).expect("fitted").rms_m;
+    let mass_kg = 1.0148e-3;
+    // Linear grey box: measured 877, 55.7, 27.3 and 27.4 nm for 0 to 3 hysterons, the noise 20 nm.
+    let linear: Vec<f64> = (0..=3).map(|n| rms_of(From::Linear { hysterons: Hysterons::Fixed(n), mass_kg })).collect();
+    assert!(linear[0] > 10.0 * linear[1] && linear[1] > 1.8 * linear[2], "{linear:?}");
+    assert!(linear[3] > 0.95 * linear[2], "a third adds nothing: {linear:?}");
+    // With dead zones two explain the step to its noise, and one does not.
+    let [one, two] = [1, 2].map(|n| rms_of(From::Logs { hysterons: Hysterons::Fixed(n), mass_kg }));
+    assert!((19e-9..21e-9).contains(&two) && one > 10.0 * two, "{one:e} {two:e}");
+    // As a transfer function: two mechanical poles and one for each hysteron.
+    let found = tfest(std::slice::from_ref(&log), &options(ANY), None).expect("estimated");
+    assert_eq!((found[0].order, found[0].zeros), (4, 3));
+    let third = found.iter().find(|e| (e.order, e.zeros) == (3, 2)).expect("tried");
+    assert!(third.rms_m > 2.0 * found[0].rms_m, "{:e} {:e}", third.rms_m, found[0].rms_m);
+    assert!(found[0].tf.poles().iter().all(|pole| pole.re < 0.0));
+}

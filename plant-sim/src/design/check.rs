@@ -1,0 +1,142 @@
+//! How far a loop is from its edges: delay, rate, and the peak that the chosen shaping may lead to.
+
+use super::{DesignError, Frame, single};
+use crate::chain::Chain;
+use crate::margins::{Assessment, Loop, Verdict, assess};
+use crate::model::Model;
+use crate::spec::Shape;
+use crate::stability::{Certificate, Law, certify};
+
+/// The largest displacement of a scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Peak {
+    /// What was asked for, in words.
+    pub scenario: String,
+    /// Which plant: nominal, or a corner of its stated uncertainty.
+    pub plant: &'static str,
+    /// Largest |q| in metres.
+    pub peak_m: f64,
+    /// What was asked for at most, in metres.
+    pub asked_m: f64,
+    /// Largest |u| in volts.
+    pub peak_v: f64,
+    /// Whether the law tripped and went to its safe state.
+    pub tripped: bool,
+}
+
+/// What `design --check` says.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// Margins as they are.
+    pub assessment: Assessment,
+    /// Largest delay at this rate up to which every region is stable, in seconds; `None` for a loop that is unstable as it is.
+    pub largest_delay_s: Option<f64>,
+    /// Lowest rate at this delay down to which every region is stable, in hertz; `None` likewise.
+    pub lowest_rate_hz: Option<f64>,
+    /// A proof of global stability, or why there is none; for hysterons only.
+    pub certificate: Option<Certificate>,
+    /// Peaks, the worst first.
+    pub peaks: Vec<Peak>,
+}
+
+/// Rates are stepped down by this factor until a region is unstable.
+const RATE_STEP: f64 = 0.98;
+/// And no further than this share of the rate.
+const LOWEST_SHARE: f64 = 1e-2;
+/// Seconds of each scenario: several settling times, and two periods of the slowest.
+const SCENARIO_S: f64 = 0.06;
+
+/// Checks the loop in `frame`. `model` states how far the plant may be off; peaks are sought at its corners too.
+///
+/// # Errors
+/// Margins that can't be computed, or a loop that can't be run.
+pub fn check(frame: &Frame<'_>, model: &Model) -> Result<Check, DesignError> {
+    let regions = frame.chain.linear_regions()?;
+    let law = frame.law(&frame.settings);
+    let assessment = assess(&regions, &law)?;
+    let stable =
+        |law: &Loop| assess(&regions, law).is_ok_and(|found| !matches!(found.verdict, Verdict::Unstable { .. }));
+    let is_stable = !matches!(assessment.verdict, Verdict::Unstable { .. });
+    let margin_s = assessment.delay_margin_s.value;
+    let largest_delay_s = is_stable.then_some(frame.delay_s + margin_s);
+    let lowest_rate_hz = is_stable.then(|| lowest_rate(&law, stable));
+    let linear = frame.chain.parts.linear.is_some() || frame.chain.parts.transducer.is_some();
+    let bent = !frame.chain.parts.forces.is_empty() || !frame.chain.parts.bends.is_empty();
+    let certificate = (!linear && !bent).then(|| certify(&frame.chain.plant, Law::Sampled(law)));
+    let mut peaks = Vec::new();
+    if is_stable {
+        for (plant, chain) in corners(model, frame.chain) {
+            peaks.extend(peaks_of(&Frame { chain: &chain, ..*frame }, plant)?);
+        }
+    }
+    peaks.sort_by(|a, b| b.peak_m.total_cmp(&a.peak_m));
+    Ok(Check { assessment, largest_delay_s, lowest_rate_hz, certificate, peaks })
+}
+
+fn lowest_rate(law: &Loop, stable: impl Fn(&Loop) -> bool) -> f64 {
+    let at = |rate_hz: f64| stable(&Loop { rate_hz, ..*law });
+    let mut rate_hz = law.rate_hz;
+    while rate_hz * RATE_STEP > LOWEST_SHARE * law.rate_hz {
+        if !at(rate_hz * RATE_STEP) {
+            let (mut low, mut high) = (rate_hz * RATE_STEP, rate_hz);
+            for _ in 0..20 {
+                let middle = 0.5 * (low + high);
+                if at(middle) { high = middle } else { low = middle }
+            }
+            return high;
+        }
+        rate_hz *= RATE_STEP;
+    }
+    rate_hz
+}
+
+/// The plant, and the same softer and stiffer, with more and less drive, by its stated sigma.
+fn corners(model: &Model, nominal: &Chain) -> Vec<(&'static str, Chain)> {
+    let mut corners = vec![("nominal", nominal.clone())];
+    if model.kind.has_structure() {
+        let stiffness = model.structure.stiffness_n_per_m.relative_sigma();
+        let gain = model.actuator.transduction_c_per_m.relative_sigma();
+        let mut corner = |name, stiffer: f64, stronger: f64| {
+            let mut chain = nominal.clone();
+            chain.plant.stiffness_n_per_m *= 1.0 + stiffer * 2.0 * stiffness;
+            chain.plant.transduction_c_per_m *= 1.0 + stronger * 2.0 * gain;
+            corners.push((name, chain));
+        };
+        corner("softer and stronger by 2 sigma", -1.0, 1.0);
+        corner("stiffer and weaker by 2 sigma", 1.0, -1.0);
+    }
+    corners
+}
+
+fn peaks_of(frame: &Frame<'_>, plant: &'static str) -> Result<Vec<Peak>, DesignError> {
+    let clamp_m = f64::from(frame.settings.reference_max_m);
+    let asked_m = if clamp_m.is_finite() { clamp_m } else { 100e-6 };
+    let um = asked_m * 1e6;
+    let resonance = frame.chain.linear_regions()?;
+    // The frequency of the plant with every hysteron shut: what a reference excites most.
+    let shut = resonance.last().map(|region| crate::linear::poles(&region.a)).unwrap_or_default();
+    let hz = shut.iter().map(|z| z.im.abs()).fold(0.0, f64::max) / std::f64::consts::TAU;
+    let mut scenarios = vec![
+        (format!("step to {um:.0} um"), single(Shape::Step, asked_m)),
+        (format!("square wave of {um:.0} um at 40 Hz, full reversals"), single(Shape::Square { hz: 40.0 }, asked_m)),
+        (format!("sine of {um:.0} um at 150 Hz"), single(Shape::Sine { hz: 150.0 }, asked_m)),
+    ];
+    if hz > 0.0 && hz < 0.2 * frame.rate_hz() {
+        let words = format!("square wave of {um:.0} um at a third of the resonance, {:.0} Hz", hz / 3.0);
+        scenarios.push((words, single(Shape::Square { hz: hz / 3.0 }, asked_m)));
+    }
+    scenarios
+        .into_iter()
+        .map(|(scenario, spec)| {
+            let run = frame.run(&spec, SCENARIO_S)?;
+            Ok(Peak {
+                scenario,
+                plant,
+                peak_m: run.peak_m,
+                asked_m,
+                peak_v: run.command_v.iter().fold(0.0f64, |m, v| m.max(v.abs())),
+                tripped: run.limited_by.iter().any(|limits| limits.is_safe_state()),
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,71 @@
+//! `hysteron identify` of every kind, and `--compare`, as a user meets them.
+
+mod support;
+
+use plant_sim::model::{Kind, Model};
+use support::{Folder, PLANT, json, run, stderr, stdout, succeeded};
+
+/// A log made by `simulate`.
+fn made(folder: &Folder, plant: &str, spec: &str, name: &str) {
+    let call =
+        format!("simulate --plant {plant} --command {spec} --rate 10000 --seconds 0.12 --out @/{name} --no-page");
+    assert_eq!(run(folder, &call).status.code(), Some(0));
+}
+
+#[test]
+fn a_comparison_ranks_every_kind_and_writes_the_best() {
+    let folder = Folder::new("compare");
+    made(&folder, PLANT, "square:60V@25Hz", "steps.csv");
+    made(&folder, PLANT, "sine:50V@40Hz", "sine.csv");
+    let call = "identify --compare @/steps.csv --held-out @/sine.csv --initial relaxed --starts 1 --mass-kg 1.0148e-3 --out @/best.toml --json";
+    let output = run(&folder, call);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let said = json(&output);
+    let ranking = said["ranking"].as_array().expect("a ranking");
+    assert!(ranking.len() >= 9, "{ranking:?}");
+    let rms: Vec<f64> = ranking.iter().map(|c| c["held_out_rms_um"].as_f64().expect("a number")).collect();
+    assert!(rms.windows(2).all(|pair| pair[0] <= pair[1]), "{rms:?}");
+    assert_eq!(ranking[0]["kind"], "phs", "{ranking:?}");
+    assert_eq!(Model::read(&folder.path("best.toml")).expect("a model").kind, Kind::Phs);
+    let page = folder.read("best.html");
+    assert!(page.contains("Bouc-Wen actuator") && page.contains("evidence against"));
+}
+
+#[test]
+fn transfer_functions_and_bouc_wen_are_fitted_by_name() {
+    let folder = Folder::new("kinds");
+    made(&folder, "models/thesis-newid2.toml", "square:60V@25Hz", "linear.csv");
+    let fit =
+        |model: &str| format!("identify --model {model} @/linear.csv --initial relaxed --no-page --out @/{model}.toml");
+    let output = run(&folder, &format!("{} --order 2,0", fit("transfer-function")));
+    succeeded(&output);
+    assert!(stdout(&output).contains("2 poles, 0 zeros"), "{}", stdout(&output));
+    let tf =
+        Model::read(&folder.path("transfer-function.toml")).expect("a model").transfer_function.expect("of that kind");
+    assert!((tf.denominator.value[1] / 2555.0 - 1.0).abs() < 1e-4, "{tf:?}");
+    // What was fitted is a plant like any other.
+    let output = run(
+        &folder,
+        "replay --plant @/transfer-function.toml @/linear.csv --initial relaxed --out @/p.csv --no-page --json",
+    );
+    succeeded(&output);
+    assert!(json(&output)["fit_percent"].as_f64().expect("a number") > 99.99);
+    let wrong = [
+        (format!("{} --plant {PLANT}", fit("bouc-wen")), "is a plant of kind phs and --model asks for bouc-wen"),
+        (format!("{} --order 2,3", fit("transfer-function")), "poles and fewer zeros"),
+        ("identify @/linear.csv --out @/x.toml".to_owned(), "--model"),
+        (
+            "identify --compare --plant models/thesis-bouc-wen.toml @/linear.csv --out @/x.toml".to_owned(),
+            "kind bouc-wen",
+        ),
+    ];
+    for (call, expected) in wrong {
+        let output = run(&folder, &call);
+        assert_eq!(output.status.code(), Some(2), "{call}");
+        assert!(
+            stderr(&output).contains(expected) && stderr(&output).lines().count() == 1,
+            "{call}: {}",
+            stderr(&output)
+        );
+    }
+}

@@ -1,0 +1,100 @@
+//! `hysteron design`, its check and `hysteron reproduce`, as a user meets them.
+
+mod support;
+
+use support::{Folder, PI1, PLANT, json, number, run, stderr, stdout, succeeded};
+
+const WISH: &str = "--rate 40000 --settle-ms 5 --overshoot 2 --gain-margin-db 6 --no-page --json";
+
+#[test]
+fn a_design_runs_as_it_says_and_its_inverse_follows_better() {
+    let folder = Folder::new("design");
+    let mut errors = Vec::new();
+    for (name, inverse) in [("own", ""), ("inverse", "--inverse")] {
+        let call = format!("design --plant {PLANT} {WISH} {inverse} --track --out @/{name}.toml");
+        let output = run(&folder, &call);
+        succeeded(&output);
+        let said = json(&output);
+        assert!(number(&said, "settle_2_percent_ms") <= 5.0 && number(&said, "overshoot_percent") <= 2.0, "{said:?}");
+        assert!(number(&said, "gain_margin_dB") >= 6.0, "{said:?}");
+        // The file does in `simulate` what the design said it would.
+        let call = format!(
+            "simulate --plant {PLANT} --controller @/{name}.toml --reference sine:80um@100Hz --rate 40000 --seconds 0.03 \
+             --out @/{name}.csv --no-page --json"
+        );
+        let output = run(&folder, &call);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let error = number(&json(&output), "rms_error_percent");
+        let tracked = said["tracking_rms_percent"][3][1].as_f64().expect("a number");
+        assert!((error - tracked).abs() <= 1e-9 * tracked, "{error} {tracked}");
+        errors.push(error);
+    }
+    assert!(errors[1] < 0.1 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn a_check_says_where_the_edges_are_and_refuses_beyond_them() {
+    let folder = Folder::new("design-check");
+    let call =
+        |rate: u32| format!("design --check --plant {PLANT} --controller {PI1} --rate {rate} --no-page --out @/c.json");
+    let output = run(&folder, &call(20_000));
+    succeeded(&output);
+    let found: serde_json::Value = serde_json::from_str(&folder.read("c.json")).expect("JSON");
+    let lowest = number(found.as_object().expect("an object"), "lowest_stable_rate_hz");
+    assert!(lowest > 5e3 && lowest < 9e3, "{found}");
+    assert!(found["certified"].as_bool() == Some(true));
+    assert!(stdout(&output).contains("certified: from every state"));
+    let output = run(&folder, &call((lowest * 0.99) as u32));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).lines().last().expect("an error").starts_with("hysteron: unstable: spectral radius 1."));
+}
+
+#[test]
+fn what_cannot_be_designed_is_said_in_one_line() {
+    let folder = Folder::new("design-wrong");
+    let cases = [
+        (format!("design --plant {PLANT} --settle-ms 0.2 --out @/x.toml"), 4, "can't settle in 0.200 ms"),
+        (format!("design --plant {PLANT} --settle-ms 1.2 --out @/x.toml"), 4, "the nearest settles in"),
+        (format!("design --plant {PLANT} --gain-margin-db 60 --out @/x.toml"), 4, "no placement keeps 60 dB"),
+        (
+            "design --plant models/thesis-bouc-wen-static.toml --out @/x.toml".to_owned(),
+            2,
+            "no second-order skeleton to place poles on: it has no mass",
+        ),
+        (
+            "design --plant models/thesis-bouc-wen.toml --inverse --out @/x.toml".to_owned(),
+            2,
+            "--inverse inverts hysterons",
+        ),
+        (format!("design --check --plant {PLANT} --out @/x.json"), 2, "--controller"),
+        (
+            format!("diagnose --plant models/thesis-bouc-wen.toml {PLANT} --out @/d"),
+            2,
+            "a plant of kind bouc-wen can't be diagnosed",
+        ),
+    ];
+    for (call, code, expected) in cases {
+        let output = run(
+            &folder,
+            &call.replace("--settle-ms 5 --overshoot 2", "--overshoot 2").replace("--gain-margin-db 6 ", ""),
+        );
+        let error = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{call}: {error}");
+        assert!(error.contains(expected) && error.lines().count() == 1, "{call}: {error}");
+    }
+}
+
+#[test]
+fn the_reproduction_writes_its_page_and_says_how_many_agree() {
+    let folder = Folder::new("reproduce");
+    let output = run(&folder, "reproduce --json --out @/report.html");
+    succeeded(&output);
+    let said = json(&output);
+    let entries = said["entries"].as_array().expect("entries");
+    assert!(entries.len() > 150 && entries.iter().all(|entry| entry["verdict"] != "differs"), "{said:?}");
+    let page = folder.read("report.html");
+    for text in ["Errata", "Figure 3.10: 150 Hz", "Figure 2.2", "22.072", "0.022653084227172"] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert!(!page.contains("http://") || !page.contains("<script src"), "a page loads nothing");
+}
