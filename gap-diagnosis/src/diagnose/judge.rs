@@ -23,6 +23,11 @@ const MUCH_BETTER: f64 = 0.7;
 const FREED_LEAST: f64 = 12.0;
 /// The same beside an effect that was fitted.
 const FREED_BESIDES: f64 = 60.0;
+/// The same beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
+/// less than this of the whole gap.
+const FREED_FIRST: f64 = 300.0;
+const PAYS_FOR_ALL: f64 = 0.05;
+const NEARLY_ALL: f64 = 0.1;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
 pub(super) const AT_NOISE: f64 = 1.06;
 /// What freeing one of a dozen directions must earn beyond its cost, and how much less likely an unknown effect is that leaves no gap.
@@ -149,6 +154,16 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
+    // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
+    // the refit leaves of the whole gap is left then.
+    let whole = search.unfitted(&refit.hypothesis) - 1.0;
+    let rest = (excess / whole.max(excess)).sqrt();
+    if rest < NEARLY_ALL {
+        let freed = freed(bench, &refit.hypothesis, &refit.found);
+        let pays = |freed: &Freed| freed.cost < PAYS_FOR_ALL * freed.cost_without;
+        let freed = freed.into_iter().filter(pays).collect();
+        explanations.extend(by_symmetry(freed, &refit, rest, floor, without, FREED_FIRST));
+    }
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them.
     if let Some(best) = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi))

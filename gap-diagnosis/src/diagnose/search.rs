@@ -3,7 +3,7 @@
 use super::bench::{Bench, Freedom, Hypothesis};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::lines::resonances;
-use super::normal::reader;
+use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle};
 use super::screen::{Lead, screen};
 use super::symmetry::symmetric;
@@ -69,6 +69,14 @@ impl Search<'_> {
         let hypothesis = Hypothesis::nominal(freedom);
         let z = self.bench.origin(&hypothesis);
         self.descend(&hypothesis, z, &STAGES)
+    }
+
+    /// Mean square that the nominal numbers leave, starts settled, in units of the noise.
+    pub fn unfitted(&self, nominal: &Hypothesis) -> f64 {
+        let mut z = self.bench.origin(nominal);
+        self.settle(nominal, &mut z);
+        let normal = evaluate(self.bench, nominal, &z, Sensitivities::None, self.simulations);
+        normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
     }
 
     /// Fits the start of every log, everything else held.

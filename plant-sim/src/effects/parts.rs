@@ -63,11 +63,14 @@ pub(super) fn bend(chain: &mut Chain, hysteron: usize, law: BendLaw) {
 
 /// Bends every hysteron that has a dead zone: not the creep that another entry may have added.
 pub(super) fn bend_all(chain: &mut Chain, law: BendLaw) {
-    for i in 0..chain.plant.hysterons.len() {
-        if chain.plant.hysterons[i].dead_zone_v > 0.0 {
-            bend(chain, i, law);
-        }
+    for i in with_dead_zone(&chain.plant) {
+        bend(chain, i, law);
     }
+}
+
+/// Hysterons that have a dead zone.
+pub(super) fn with_dead_zone(plant: &Phs) -> Vec<usize> {
+    (0..plant.hysterons.len()).filter(|i| plant.hysterons[*i].dead_zone_v > 0.0).collect()
 }
 
 /// Bends the slowest hysteron that has a dead zone.
@@ -77,10 +80,10 @@ pub(super) fn bend_slowest(chain: &mut Chain, law: BendLaw) {
     }
 }
 
-fn slowest(plant: &Phs) -> Option<usize> {
+/// The slowest of them.
+pub(super) fn slowest(plant: &Phs) -> Option<usize> {
     let time_constant_s = |i: &usize| plant.hysterons[*i].capacitance_f / plant.hysterons[*i].slope_s;
-    let with_dead_zone = (0..plant.hysterons.len()).filter(|i| plant.hysterons[*i].dead_zone_v > 0.0);
-    with_dead_zone.max_by(|a, b| time_constant_s(a).total_cmp(&time_constant_s(b)))
+    with_dead_zone(plant).into_iter().max_by(|a, b| time_constant_s(a).total_cmp(&time_constant_s(b)))
 }
 
 /// Probability that at least one of two independent events happens.

@@ -1,8 +1,8 @@
 //! Rate-dependent hysteresis: the loop widens with speed beyond what damping explains.
 
-use super::parts::{bend_all, bend_slowest};
+use super::parts::{bend, bend_all, slowest, with_dead_zone};
 use super::{About, Form, Parameter, Scales};
-use crate::chain::{BendLaw, Force};
+use crate::chain::{BendLaw, Chain, Force};
 
 effect!(RateDependentHysteresis, "rate_dependent_hysteresis", Actuator);
 
@@ -39,8 +39,20 @@ fn power(scales: &Scales<'_>) -> Vec<Parameter> {
     ]
 }
 
+/// The excess at which the leak is what the straight law makes it, in shares of half the dead zone: without it the nominal slope would
+/// have to follow every exponent.
 fn exponent(_: &Scales<'_>) -> Vec<Parameter> {
-    vec![Parameter::amplitude("excess_exponent", "", [-0.8, 2.0], 0.1)]
+    vec![
+        Parameter::amplitude("excess_exponent", "", [-0.8, 2.0], 0.1),
+        Parameter::shape("reference_share", "", [1e-3, 1e2], vec![0.3, 1.0]),
+    ]
+}
+
+fn leak(chain: &mut Chain, hysterons: &[usize], p: &[f64]) {
+    for &i in hysterons {
+        chain.plant.hysterons[i].slope_s *= p[1].powf(-p[0]);
+        bend(chain, i, BendLaw::Exponent(1.0 + p[0]));
+    }
 }
 
 const FORMS: &[Form] = &[
@@ -56,6 +68,12 @@ const FORMS: &[Form] = &[
         },
         |chain, p| bend_all(chain, BendLaw::Widening { share: p[0], reference_v_per_s: REFERENCE_V_PER_S }),
     ),
-    Form::predictable("leak", exponent, |chain, p| bend_all(chain, BendLaw::Exponent(1.0 + p[0]))),
-    Form::predictable("leak-of-slowest", exponent, |chain, p| bend_slowest(chain, BendLaw::Exponent(1.0 + p[0]))),
+    Form::predictable("leak", exponent, |chain, p| {
+        let all = with_dead_zone(&chain.plant);
+        leak(chain, &all, p);
+    }),
+    Form::predictable("leak-of-slowest", exponent, |chain, p| {
+        let slowest = slowest(&chain.plant);
+        leak(chain, slowest.as_slice(), p);
+    }),
 ];
