@@ -188,6 +188,64 @@ fn a_bench_as_nominal_has_no_gap() {
     assert!(replayed(&folder, &case, "out/augmented.toml") < replayed(&folder, &case, "nominal.toml"));
 }
 
+/// What the plant's file leaves open is no gap: a zero of stated sigma, noise of which part is slow, a start that is not relaxed.
+#[test]
+fn what_the_plant_file_leaves_open_is_no_gap() {
+    for seed in [5, 9] {
+        let folder = Folder::new(&format!("diagnose-open-{seed}"));
+        let split = Split::Calibrate;
+        let case = make(&Request { seed, subject: Subject::Null, split, size: Size::Short, strength: None });
+        let zero_um = case.truth.parameters.iter().find(|(name, _)| name == "nuisance_offset_um").expect("a zero").1;
+        assert!(zero_um.abs() > 2.0 * case.truth.noise_um, "{zero_um} um would not be seen");
+        let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
+        succeeded(&run(&folder, &call(&folder, &case, &logs)));
+        let found = diagnosis(&folder);
+        assert_eq!(
+            (found["verdict"].as_str(), list(&found["effects"]).len()),
+            (Some("no_gap"), 0),
+            "{}",
+            found["ranking"]
+        );
+        // Nothing is named, and the zero is found all the same.
+        let augmented: f64 = folder
+            .read("out/augmented.toml")
+            .lines()
+            .find_map(|line| line.strip_prefix("offset_um = { value = ")?.split(',').next()?.parse().ok())
+            .expect("the zero");
+        assert!((augmented - zero_um).abs() < 0.1, "{augmented} against {zero_um} um");
+    }
+}
+
+#[test]
+fn the_error_of_a_loop_is_predicted_with_both_plants() {
+    let folder = Folder::new("diagnose-loop");
+    let case = of(EffectId::Creep);
+    let controller = support::root().join("controllers/pi2.toml");
+    let line = call(&folder, &case, &["steps", "hold"]);
+    succeeded(&run(
+        &folder,
+        &format!("{line} --controller {} --reference sine:40um@50Hz,for=0.1s", controller.display()),
+    ));
+    let found = diagnosis(&folder);
+    let of = |key: &str| found["closed_loop"][key].as_f64().unwrap_or_else(|| panic!("closed_loop.{key}"));
+    let (nominal, augmented) = (of("nominal_error_um"), of("augmented_error_um"));
+    assert!(nominal > 0.0 && augmented > 0.0 && nominal != augmented, "{nominal} and {augmented}");
+    // The diagnosed plant is a plant file: the same loop around it, run by itself, has the same error.
+    let rate = of("rate_hz");
+    let run_by_itself = format!(
+        "simulate --plant @/out/augmented.toml --controller {} --reference sine:40um@50Hz,for=0.1s --rate {rate} --out @/loop.csv \
+         --no-page",
+        controller.display()
+    );
+    succeeded(&run(&folder, &run_by_itself));
+    let log = folder.read("loop.csv");
+    let (reference, displacement) = (column(&log, "reference_um"), column(&log, "displacement_um"));
+    let squares: f64 = reference.iter().zip(&displacement).map(|(r, y)| (r - y).powi(2)).sum();
+    let alone = (squares / reference.len() as f64).sqrt();
+    // A simulated log carries the noise that the plant states.
+    assert!((alone / augmented - 1.0).abs() < 0.02, "{alone} um by itself, {augmented} um said");
+}
+
 #[test]
 fn a_noisy_sensor_is_told_from_its_data_sheet() {
     let folder = Folder::new("diagnose-noise");
