@@ -49,7 +49,37 @@ impl Writer {
         Self::with_interval(path, meta, columns, meta.rate_hz.map(f64::recip))
     }
 
+    /// As [`Writer::create`], but under its own name from the start and never taken back: what [`Writer::flush`] has handed over stays
+    /// readable however the program ends.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`], also for a file that is there already.
+    pub fn create_live(path: &Path, meta: &Meta, columns: &[Column]) -> Result<Self, LogError> {
+        Self::begin(Staged::live(path)?, path, meta, columns, meta.rate_hz.map(f64::recip))
+    }
+
+    /// Hands all rows so far to the operating system. Called at least every few hundred rows, no row is ever cut in two on disk.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`].
+    pub fn flush(&mut self) -> Result<(), LogError> {
+        match &mut self.staged {
+            Some(staged) => staged.file.flush().map_err(|source| staged.unwritable(source)),
+            None => Err(gave_up(&self.path)),
+        }
+    }
+
     fn with_interval(path: &Path, meta: &Meta, columns: &[Column], interval_s: Option<f64>) -> Result<Self, LogError> {
+        Self::begin(Staged::create(path)?, path, meta, columns, interval_s)
+    }
+
+    fn begin(
+        mut staged: Staged,
+        path: &Path,
+        meta: &Meta,
+        columns: &[Column],
+        interval_s: Option<f64>,
+    ) -> Result<Self, LogError> {
         let mut head = String::new();
         for (key, value) in meta.entries() {
             head.push_str(&format!("# {key}: {value}\n"));
@@ -57,7 +87,6 @@ impl Writer {
         let names: Vec<&str> = columns.iter().map(|column| column.file_name()).collect();
         head.push_str(&names.join(","));
         head.push('\n');
-        let mut staged = Staged::create(path)?;
         staged.put(head.as_bytes())?;
         Ok(Self {
             path: path.to_path_buf(),
@@ -394,6 +423,14 @@ impl Staged {
             target,
             file: BufWriter::with_capacity(1 << 16, file),
         })
+    }
+
+    /// A new file under its own name.
+    fn live(path: &Path) -> Result<Self, LogError> {
+        let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
+        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(unwritable)?;
+        let target = path.to_path_buf();
+        Ok(Self { path: target.clone(), temporary: None, target, file: BufWriter::with_capacity(1 << 16, file) })
     }
 
     fn unwritable(&self, source: io::Error) -> LogError {
