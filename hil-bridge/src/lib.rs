@@ -6,6 +6,7 @@
 //! | [`in_process`], [`in_virtual`], [`tcp`], [`serial`] | the links |
 //! | [`session`] | handshake, requests and answers over any link; knows no port and reads no clock |
 //! | [`statistics`] | what a link does to frames: round trips, losses, damage |
+//! | [`faulty`] | a wrapper that damages what passes any link, by a seed |
 //! | [`lockstep`] | the loop: the plant's measurement to the board, the board's drive to the plant |
 //!
 //! **Lockstep** is hardware in the loop without real time: the plant stands still while the board thinks. The same seed gives the same
@@ -23,6 +24,7 @@
 //! # Ok::<(), hil_bridge::session::SessionError>(())
 //! ```
 
+pub mod faulty;
 pub mod in_process;
 pub mod in_virtual;
 pub mod link;

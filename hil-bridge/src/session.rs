@@ -5,7 +5,7 @@
 
 use crate::link::{Link, LinkError};
 use crate::statistics::Statistics;
-use control_core::Limits;
+use control_core::{Limits, ModeName};
 use std::collections::VecDeque;
 use std::time::Duration;
 use virtual_board::Heard;
@@ -15,8 +15,8 @@ use wire::{
 
 /// Version of this program, which the firmware's must be.
 const OURS: &str = env!("CARGO_PKG_VERSION");
-/// How often a board is greeted before it counts as silent: the first time may end a half frame of somebody before.
-const GREETINGS: u32 = 3;
+/// How often a request that changes nothing is sent before the board counts as silent.
+const ATTEMPTS: u32 = 5;
 /// Requests lost in a row until the board counts as gone: at a serial port's patience of 100 ms, two seconds.
 const GONE: u64 = 20;
 
@@ -110,12 +110,10 @@ impl<L: Link> Session<L> {
     pub fn greet(&mut self) -> Result<Board, SessionError> {
         // Ends whatever half frame the line holds.
         self.link.send(&[0])?;
-        for _ in 0..GREETINGS {
-            if let Some(Heard::Identity { board, firmware, converters, .. }) = self.attempt(&ToBoard::Hello)? {
-                return Ok(Board { board, firmware, converters });
-            }
+        match self.look(&ToBoard::Hello)? {
+            Heard::Identity { board, firmware, converters, .. } => Ok(Board { board, firmware, converters }),
+            _ => Err(silent(&ToBoard::Hello)),
         }
-        Err(silent(&ToBoard::Hello))
     }
 
     /// Sends a request and waits for its answer.
@@ -139,7 +137,7 @@ impl<L: Link> Session<L> {
     /// # Errors
     /// [`SessionError`].
     pub fn parameters(&mut self) -> Result<Parameters, SessionError> {
-        match self.ask(&ToBoard::GetParameters)? {
+        match self.look(&ToBoard::GetParameters)? {
             Heard::Parameters(parameters) => Ok(*parameters),
             _ => Err(silent(&ToBoard::GetParameters)),
         }
@@ -150,10 +148,24 @@ impl<L: Link> Session<L> {
     /// # Errors
     /// [`SessionError`].
     pub fn status(&mut self) -> Result<Status, SessionError> {
-        match self.ask(&ToBoard::KeepAlive)? {
+        match self.look(&ToBoard::KeepAlive)? {
             Heard::Status(status) => Ok(status),
             _ => Err(silent(&ToBoard::KeepAlive)),
         }
+    }
+
+    /// Stops the loop or disarms; on a bad line as often as it takes.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn stop(&mut self) -> Result<(), SessionError> {
+        while self.attempt(&ToBoard::Stop)?.is_none() {
+            // It may have been heard, and its answer lost.
+            if ![ModeName::Armed as u8, ModeName::Running as u8].contains(&self.status()?.mode) {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// One sample over the bridge; `None` where it or its answer was lost.
@@ -171,6 +183,16 @@ impl<L: Link> Session<L> {
         let ended = self.link.now();
         self.statistics.round_trip.note(ended.saturating_sub(begun));
         Ok(Some(Drive { code: drive, drive_v, reference_m, limited_by: Limits::from_bits(limited_by), mode }))
+    }
+
+    /// As [`Session::ask`], for a request that changes nothing: sent again where it or its answer was lost.
+    fn look(&mut self, request: &ToBoard<'_>) -> Result<Heard, SessionError> {
+        for _ in 0..ATTEMPTS {
+            if let Some(heard) = self.attempt(request)? {
+                return Ok(heard);
+            }
+        }
+        Err(silent(request))
     }
 
     /// Sends a request; its answer, or `None` where that did not come in time.

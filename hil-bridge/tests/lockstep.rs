@@ -6,7 +6,7 @@ mod support;
 use control_core::{FaultCode, ModeName};
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
-use hil_bridge::lockstep::{LockstepError, prepare, run};
+use hil_bridge::lockstep::{LockstepError, prepare, probe, run};
 use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
 use plant_sim::experiment::{Program, Setup, closed_loop};
@@ -138,6 +138,26 @@ fn a_row_that_cannot_be_kept_stops_the_board() {
     });
     assert!(matches!(ended, Err(LockstepError::Row("the disk is full"))));
     assert_eq!(rows, 301);
+    let status = session.status().unwrap();
+    assert_eq!((status.mode, status.input), (ModeName::Idle as u8, InputSource::Analog));
+}
+
+#[test]
+fn a_probe_measures_the_link_and_leaves_the_board_as_it_was() {
+    let mut session = Session::new(InProcess::nucleo());
+    let board = probe::<_, std::convert::Infallible>(&mut session, 500).unwrap();
+    assert_eq!(board.board, "in-process");
+    let statistics = session.statistics();
+    assert_eq!((statistics.round_trip.total(), statistics.lost, statistics.late), (500, 0, 0));
+    // The board numbers its frames from 0, so that none is missing before the first.
+    assert_eq!((statistics.frames, statistics.missing), (statistics.requests, 0));
+    let link = statistics.json();
+    assert_eq!((&link["schema"], &link["round_trips"]), (&"hysteron-link-1".into(), &500.into()));
+    let us = ["p50", "p99", "p99_9", "max"].map(|key| link["round_trip_us"][key].as_f64().unwrap());
+    assert!(us[0] > 0.0 && us.is_sorted(), "{us:?}");
+    // Twice the 99.9 % round trip for each sample.
+    let paced = link["paced_at_most_hz"].as_f64().unwrap();
+    assert!((paced * 2e-6 * us[2] - 1.0).abs() < 1e-9, "{paced} {us:?}");
     let status = session.status().unwrap();
     assert_eq!((status.mode, status.input), (ModeName::Idle as u8, InputSource::Analog));
 }
