@@ -8,6 +8,7 @@
 //! | [`statistics`] | what a link does to frames: round trips, losses, damage |
 //! | [`faulty`] | a wrapper that damages what passes any link, by a seed |
 //! | [`lockstep`] | the loop: the plant's measurement to the board, the board's drive to the plant |
+//! | [`run_directory`] | a run on disk, readable whatever ended it |
 //!
 //! **Lockstep** is hardware in the loop without real time: the plant stands still while the board thinks. The same seed gives the same
 //! bits over every link that loses nothing, as fast as the link allows.
@@ -29,6 +30,7 @@ pub mod in_process;
 pub mod in_virtual;
 pub mod link;
 pub mod lockstep;
+pub mod run_directory;
 pub mod serial;
 pub mod session;
 pub mod statistics;

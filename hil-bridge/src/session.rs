@@ -93,6 +93,12 @@ impl<L: Link> Session<L> {
         }
     }
 
+    /// The same with another patience than the link's own.
+    #[must_use]
+    pub fn with_patience(self, patience: Duration) -> Session<L> {
+        Session { patience, ..self }
+    }
+
     /// The link.
     pub fn link(&mut self) -> &mut L {
         &mut self.link

@@ -36,6 +36,8 @@ pub struct Writer {
     interval_s: Option<f64>,
     time_decimals: Option<usize>,
     n_rows: u64,
+    /// Bytes of whole rows that the operating system has, for a live log.
+    handed_over: Option<u64>,
     line: Vec<u8>,
     scratch: String,
 }
@@ -55,17 +57,32 @@ impl Writer {
     /// # Errors
     /// [`LogError::Unwritable`], also for a file that is there already.
     pub fn create_live(path: &Path, meta: &Meta, columns: &[Column]) -> Result<Self, LogError> {
-        Self::begin(Staged::live(path)?, path, meta, columns, meta.rate_hz.map(f64::recip))
+        let mut writer = Self::begin(Staged::live(path)?, path, meta, columns, meta.rate_hz.map(f64::recip))?;
+        writer.handed_over = Some(0);
+        Ok(writer)
     }
 
     /// Hands all rows so far to the operating system. Called at least every few hundred rows, no row is ever cut in two on disk.
     ///
     /// # Errors
-    /// [`LogError::Unwritable`].
+    /// [`LogError::Unwritable`]. A live log then ends with the rows handed over before, and is given up.
     pub fn flush(&mut self) -> Result<(), LogError> {
-        match &mut self.staged {
-            Some(staged) => staged.file.flush().map_err(|source| staged.unwritable(source)),
-            None => Err(gave_up(&self.path)),
+        let Some(staged) = &mut self.staged else { return Err(gave_up(&self.path)) };
+        let flushed = staged.file.flush().and_then(|()| Ok(staged.file.get_ref().metadata()?.len()));
+        match flushed {
+            Ok(bytes) => {
+                self.handed_over = self.handed_over.map(|_| bytes);
+                Ok(())
+            }
+            Err(source) => {
+                // Closed first: it tries once more to write what it holds.
+                self.staged = None;
+                if let Some(bytes) = self.handed_over {
+                    // Nobody is left to be told if this fails too.
+                    let _ = OpenOptions::new().write(true).open(&self.path).and_then(|file| file.set_len(bytes));
+                }
+                Err(LogError::Unwritable { path: self.path.clone(), source })
+            }
         }
     }
 
@@ -95,6 +112,7 @@ impl Writer {
             interval_s,
             time_decimals: None,
             n_rows: 0,
+            handed_over: None,
             line: Vec::new(),
             scratch: String::new(),
         })
