@@ -9,7 +9,8 @@ mod unix {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     use rustix::fs::OFlags;
     use rustix::termios::{
-        ControlModes, OptionalActions, QueueSelector, ioctl_tiocexcl, isatty, tcflush, tcgetattr, tcsetattr,
+        ControlModes, OptionalActions, QueueSelector, ioctl_tiocexcl, ioctl_tiocnxcl, isatty, tcflush, tcgetattr,
+        tcsetattr,
     };
     use std::fs::{File, OpenOptions};
     use std::io::{self, ErrorKind, Read, Write};
@@ -65,8 +66,9 @@ mod unix {
 
         /// Another patience than 100 ms.
         #[must_use]
-        pub fn with_patience(self, patience: Duration) -> Serial {
-            Serial { patience, ..self }
+        pub fn with_patience(mut self, patience: Duration) -> Serial {
+            self.patience = patience;
+            self
         }
 
         /// Waits until the port can do what `flags` say; false when `patience` is over.
@@ -81,6 +83,13 @@ mod unix {
                 Err(rustix::io::Errno::INTR) => Ok(true),
                 Err(error) => Err(LinkError::Broken(error.into())),
             }
+        }
+    }
+
+    impl Drop for Serial {
+        fn drop(&mut self) {
+            // A pseudo-terminal outlives us, and would keep the next host out; nothing can be done where it is gone already.
+            let _ = ioctl_tiocnxcl(&self.port);
         }
     }
 
