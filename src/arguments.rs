@@ -3,6 +3,7 @@
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
 use gap_diagnosis::identify::tfest::MOST_ORDER;
+use hil_bridge::link::Place;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
@@ -20,7 +21,8 @@ use std::path::{Path, PathBuf};
 Example:
   hysteron simulate --plant models/thesis-phs.toml --command sine:60V@10Hz \\
     --rate 10000 --seconds 1 --out sine.csv
-Exit codes: 0 done, 2 wrong call, 3 bad input file, 4 did not converge."
+Exit codes: 0 done, 2 wrong call, 3 bad input file, 4 did not converge
+or hardware fault."
 )]
 pub struct Arguments {
     /// Without a command: the seed that the made bench is drawn from; from the clock where not given
@@ -51,6 +53,8 @@ pub enum Command {
     /// The flash image on the virtual board
     #[command(subcommand)]
     Board(BoardCommand),
+    /// The control code on a board against the simulated plant, sample by sample: writes a run directory
+    Hil(HilCall),
 }
 
 #[derive(Subcommand)]
@@ -72,8 +76,8 @@ impl Command {
             Command::Board(BoardCommand::Serve(_)) => None,
             Command::Reproduce(call) => Some((None, &call.out)),
             Command::Design(call) => Some((Some(&call.show), &call.out)),
-            // A diagnosis and a blind check write into a directory.
-            Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) => None,
+            // A diagnosis, a blind check and a run write into a directory.
+            Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) | Command::Hil(_) => None,
         }
     }
 
@@ -100,7 +104,7 @@ impl Command {
                 let own = [&call.plant].into_iter().chain(&call.controller);
                 own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
-            Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) => Vec::new(),
+            Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) | Command::Hil(_) => Vec::new(),
         }
     }
 }
@@ -455,6 +459,63 @@ pub struct BoardServeCall {
     /// Seed of the sensor's noise and of lost commands
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron hil --board in-process --plant models/thesis-phs.toml \\
+    --controller controllers/pi1.toml --reference step:80um --seconds 0.05 --out run
+  hysteron hil --board serial:/dev/ttyACM0 --probe-link
+The plant waits for the board, so that the same seed gives the same log.csv over
+every link that loses nothing. run/ holds run.json, plant.toml, controller.toml,
+log.csv (readable while it grows) and link.json. A board whose link loses
+samples holds its drive; link.json names them.")]
+pub struct HilCall {
+    /// Where the board is: in-process (the law alone), virtual (--image), tcp:HOST:PORT or serial:PATH
+    #[arg(long, value_name = "PLACE")]
+    pub board: Place,
+    /// The flash image, for --board virtual
+    #[arg(long, value_name = "IMAGE.elf")]
+    pub image: Option<PathBuf>,
+    /// Plant, a model file
+    #[arg(long, value_name = "P.toml", required_unless_present = "probe_link")]
+    pub plant: Option<PathBuf>,
+    /// Controller, a controller file
+    #[arg(long, value_name = "C.toml", required_unless_present = "probe_link")]
+    pub controller: Option<PathBuf>,
+    /// What the displacement shall follow, such as step:80um; SPECs as in simulate, without `,shaped`
+    #[arg(long, value_name = "SPEC", required_unless_present = "probe_link")]
+    pub reference: Option<String>,
+    /// Samples per second of the loop; must divide the board's clock
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// Length; the SPEC's own length where it has one
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
+    pub seconds: Option<f64>,
+    /// Seed of the sensor's noise and of lost commands
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Run directory to write, empty or not there
+    #[arg(long, value_name = "RUNDIR", required_unless_present = "probe_link")]
+    pub out: Option<PathBuf>,
+    /// Only measure the link: 10,000 samples to a board that stays idle
+    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "clear_fault"])]
+    pub probe_link: bool,
+    /// Bits per second of a serial port
+    #[arg(long, value_name = "BAUD", default_value_t = 3_000_000)]
+    pub baud: u32,
+    /// How long an answer may take; 100 on a serial port, 5000 on TCP, 50 of its own time on a virtual board
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    pub patience_ms: Option<u64>,
+    /// Leave a fault that the board is in
+    #[arg(long)]
+    pub clear_fault: bool,
+    /// Damage frames on purpose while the loop runs: drop=0.01,delay=0.01,flip=0.01,reorder=0.01,stall=0.01
+    #[arg(long, value_name = "KIND=SHARE,..")]
+    pub link_faults: Option<String>,
+    /// Print the outcome as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args)]

@@ -2,6 +2,10 @@
 
 use gap_diagnosis::diagnose::DiagnoseError;
 use gap_diagnosis::identify::IdentifyError;
+use hil_bridge::link::LinkError;
+use hil_bridge::lockstep::LockstepError;
+use hil_bridge::run_directory::RunError;
+use hil_bridge::session::SessionError;
 use plant_sim::FileError;
 use plant_sim::design::DesignError;
 use plant_sim::experiment::ExperimentError;
@@ -63,8 +67,18 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command =
-            ["simulate", "replay", "identify", "diagnose", "effects", "blind-check", "board", "reproduce", "design"];
+        let command = [
+            "simulate",
+            "replay",
+            "identify",
+            "diagnose",
+            "effects",
+            "blind-check",
+            "board",
+            "hil",
+            "reproduce",
+            "design",
+        ];
         let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
         parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
         Self::call(parts.join("; "))
@@ -138,6 +152,34 @@ impl From<IdentifyError> for Failure {
             _ => BAD_FILE,
         };
         Self { code, message: error.to_string() }
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Log(error) => error.into(),
+            error => Self::call(error.to_string()),
+        }
+    }
+}
+
+impl From<LinkError> for Failure {
+    fn from(error: LinkError) -> Self {
+        // The call names a place where there is no board; all else is the board's or the cable's doing.
+        let code = if matches!(error, LinkError::Open { .. }) { WRONG_CALL } else { NO_RESULT };
+        Self { code, message: error.to_string() }
+    }
+}
+
+impl From<LockstepError<RunError>> for Failure {
+    fn from(error: LockstepError<RunError>) -> Self {
+        match error {
+            LockstepError::Row(error) => error.into(),
+            LockstepError::Session(SessionError::Link(error)) => error.into(),
+            LockstepError::Parameters(_) => Self::call(error.to_string()),
+            error => Self::hardware(error.to_string()),
+        }
     }
 }
 

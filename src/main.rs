@@ -1,6 +1,6 @@
 //! The `hysteron` command: reads arguments, calls the rooms, prints. It computes nothing itself.
 //!
-//! Exit codes: 0 done; 2 wrong call; 3 bad input file; 4 did not converge. An output that can't be written is a wrong call (2): the
+//! Exit codes: 0 done; 2 wrong call; 3 bad input file; 4 did not converge, or hardware fault. An output that can't be written is a wrong call (2): the
 //! argument names a place that can't take it. Errors are one line on standard error: what, where, what to do.
 
 mod arguments;

@@ -9,6 +9,7 @@ use crate::spec::{self, Shape, Spec, SpecError, Unit};
 use control_core::{
     Generator, GeneratorState, Inverse, InverseState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState,
 };
+use std::fmt;
 
 /// Bounds that `,shaped` puts on a waveform: rate and acceleration, in metres (or volts) per second and per second squared.
 ///
@@ -144,6 +145,61 @@ pub struct Setup<'a> {
     pub seed: u64,
 }
 
+/// The simulated bench, one sample after the other: [`Bench::read_m`], then [`Bench::apply`]. Whoever decides in between closes the loop.
+pub struct Bench {
+    simulator: Simulator,
+    sensor: SensorState,
+    arrivals: Arrivals,
+    held_v: f64,
+    dt_s: f64,
+}
+
+impl fmt::Debug for Bench {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Bench").field("held_v", &self.held_v).finish_non_exhaustive()
+    }
+}
+
+impl Bench {
+    /// At the first sample of `setup`.
+    pub fn new(setup: &Setup<'_>) -> Bench {
+        let dt_s = 1.0 / setup.rate_hz;
+        let mut simulator = Simulator::new(setup.chain, dt_s, setup.latency_s);
+        simulator.start_from(&setup.start.state, setup.start.drive_v);
+        Bench {
+            simulator,
+            sensor: SensorState::new(&setup.chain.sensor, setup.seed),
+            arrivals: Arrivals::new(&setup.chain.drive, setup.seed),
+            held_v: setup.start.drive_v,
+            dt_s,
+        }
+    }
+
+    /// What the sensor reads at this sample; to be called once a sample, because noise is drawn.
+    pub fn read_m(&mut self) -> f64 {
+        let ideal_m = self.simulator.reading_m();
+        self.sensor.read_m(ideal_m, self.simulator.motion().1, self.dt_s)
+    }
+
+    /// Where the structure truly is.
+    pub fn moved_m(&self) -> f64 {
+        self.simulator.motion().0
+    }
+
+    /// The command that the drive holds: the last one that arrived.
+    pub fn held_v(&self) -> f64 {
+        self.held_v
+    }
+
+    /// Holds `command_v` from the setup's latency on, unless the drive loses it, and moves on to the next sample.
+    pub fn apply(&mut self, command_v: f64) {
+        if self.arrivals.next_arrives() {
+            self.held_v = command_v;
+        }
+        self.simulator.advance(Held::zero_order(self.held_v), 0.0);
+    }
+}
+
 /// Runs `program` as the reference of the control law with `settings`.
 ///
 /// `progress` is told the samples done, a few hundred times.
@@ -230,17 +286,11 @@ fn run(
     } else {
         None
     };
-    let dt_s = 1.0 / setup.rate_hz;
-    let mut simulator = Simulator::new(setup.chain, dt_s, setup.latency_s);
-    simulator.start_from(&setup.start.state, setup.start.drive_v);
-    let mut sensor = SensorState::new(&setup.chain.sensor, setup.seed);
-    let mut arrivals = Arrivals::new(&setup.chain.drive, setup.seed);
-    let mut held_v = setup.start.drive_v;
-    let mut recording = Recording { dt_s, ..Recording::default() };
+    let mut bench = Bench::new(setup);
+    let mut recording = Recording { dt_s: bench.dt_s, ..Recording::default() };
     let report_every = (setup.samples / 200).max(1);
     for sample in 0..setup.samples {
-        let ideal_m = simulator.reading_m();
-        let reading_m = sensor.read_m(ideal_m, simulator.motion().1, dt_s);
+        let reading_m = bench.read_m();
         let mut wanted = generator.next(&mut generator_state);
         if let Some((shaper, state)) = &mut shaper {
             wanted = shaper.step(state, wanted).0;
@@ -249,11 +299,8 @@ fn run(
         recording.displacement_m.push(reading_m);
         recording.command_v.push(command_v);
         recording.limited_by.push(limited_by);
-        recording.peak_m = recording.peak_m.max(simulator.motion().0.abs());
-        if arrivals.next_arrives() {
-            held_v = command_v;
-        }
-        simulator.advance(Held::zero_order(held_v), 0.0);
+        recording.peak_m = recording.peak_m.max(bench.moved_m().abs());
+        bench.apply(command_v);
         if sample % report_every == 0 {
             progress(sample);
         }

@@ -144,6 +144,27 @@ fn rows_written_one_by_one_appear_only_when_finished() {
 }
 
 #[test]
+fn a_live_log_is_read_while_it_is_written_and_replaces_nothing() {
+    let folder = Scratch::new("live");
+    let path = folder.file("live.csv");
+    let meta = Meta { rate_hz: Some(1e4), ..Meta::default() };
+    let columns = [Column::Time, Column::Command, Column::Displacement];
+    let mut writer = Writer::create_live(&path, &meta, &columns).expect("created");
+    for k in 0..200 {
+        writer.row(&[f64::from(k) * 1e-4, 1.0, 1e-6 * f64::from(k)]).expect("a row");
+        if k == 149 {
+            writer.flush().expect("flushed");
+        }
+    }
+    // As a program that is killed here leaves it.
+    let rows = log::read(&path, &ReadOptions::default()).expect("readable");
+    assert_eq!((rows.len(), rows.displacement_m[149]), (150, 149e-6));
+    drop(writer);
+    assert!(Writer::create_live(&path, &meta, &columns).is_err());
+    assert!(log::read(&path, &ReadOptions::default()).expect("still there").len() >= 150);
+}
+
+#[test]
 fn an_output_that_cannot_be_written_is_said_in_one_line() {
     let scratch = Scratch::new("unwritable");
     let path = scratch.file("none/out.csv");

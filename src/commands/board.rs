@@ -3,7 +3,8 @@
 use crate::arguments::BoardRunCall;
 use crate::failure::Failure;
 use crate::output;
-use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName};
+use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
+use plant_sim::chain::Chain;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::{Program, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
@@ -12,7 +13,7 @@ use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use plant_sim::spec::Unit;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use virtual_board::run::{Experiment, Report, run};
 use virtual_board::waveform::Waveform;
 use virtual_board::{BenchSettings, Image};
@@ -62,22 +63,8 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     };
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.controller {
-        let controller = Controller::read(path)?;
-        if controller.inverse.is_some() {
-            return Err(Failure::call(format!(
-                "{}: [inverse] runs in `hysteron simulate` only, boards have no room for it yet; remove the section",
-                path.display()
-            )));
-        }
-        let settings = controller.settings(call.rate);
-        Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
-        let law = sampled_loop(&settings, call.rate, LATENCY_S + chain.drive.delay_s);
-        let assessment = assess(&chain.linear_regions()?, &law)?;
-        match assessment.verdict {
-            Verdict::Unstable { .. } => return Err(Failure::call(assessment.to_string())),
-            Verdict::BelowSixDb { .. } => warnings.push(assessment.to_string()),
-            Verdict::Stable { .. } => {}
-        }
+        let settings = settings(path, call.rate)?;
+        warnings.extend(margins(&settings, call.rate, LATENCY_S, &chain)?);
         parameters = parameters.with_settings(&settings);
     }
     let checked =
@@ -105,6 +92,31 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
             Err(Failure::hardware(format!("the board is in {fault}: see limited_by in {}", call.out.display())))
         }
         None => Ok(()),
+    }
+}
+
+/// The settings of a controller file for a board.
+pub fn settings(path: &Path, rate_hz: f64) -> Result<Settings, Failure> {
+    let controller = Controller::read(path)?;
+    if controller.inverse.is_some() {
+        return Err(Failure::call(format!(
+            "{}: [inverse] runs in `hysteron simulate` only, boards have no room for it yet; remove the section",
+            path.display()
+        )));
+    }
+    let settings = controller.settings(rate_hz);
+    Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
+    Ok(settings)
+}
+
+/// Refuses an unstable loop; what there is to warn of.
+pub fn margins(settings: &Settings, rate_hz: f64, latency_s: f64, chain: &Chain) -> Result<Option<String>, Failure> {
+    let law = sampled_loop(settings, rate_hz, latency_s + chain.drive.delay_s);
+    let assessment = assess(&chain.linear_regions()?, &law)?;
+    match assessment.verdict {
+        Verdict::Unstable { .. } => Err(Failure::call(assessment.to_string())),
+        Verdict::BelowSixDb { .. } => Ok(Some(assessment.to_string())),
+        Verdict::Stable { .. } => Ok(None),
     }
 }
 

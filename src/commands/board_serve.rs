@@ -13,26 +13,7 @@ use wire::{Converters, Parameters};
 pub fn board_serve(call: &BoardServeCall) -> Result<(), Failure> {
     let image = Image::read(&call.image).map_err(|error| Failure::file(error.to_string()))?;
     let model = Model::read(&call.plant)?;
-    let has_external_converters = image.has_external_converters();
-    let (converters, parameters) = if has_external_converters {
-        (Converters::EXTERNAL_16BIT, Parameters::EXTERNAL_PI1)
-    } else {
-        (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
-    };
-    // The levels between pins and bench are those of the board's own defaults.
-    let checked = Parameters { rate_hz: call.rate as f32, ..parameters }
-        .check(&converters)
-        .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
-    let chain = model.chain();
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let bench = BenchSettings {
-        chain,
-        start: Start { state, drive_v },
-        calibration: checked.calibration,
-        seed: call.seed,
-        anti_alias_hz: call.anti_alias,
-        has_external_converters,
-    };
+    let bench = bench(&image, &model, call.rate, call.seed, call.anti_alias)?;
     output::warn(&model.warnings());
     let (mut line, place) = open(call)?;
     let pace = if call.pace == "lockstep" { Pace::Lockstep } else { Pace::Real };
@@ -41,6 +22,29 @@ pub fn board_serve(call: &BoardServeCall) -> Result<(), Failure> {
     let end = call.seconds.map(|seconds| (seconds * CORE_HZ) as u64);
     serve(&mut board.machine, line.as_mut(), pace, |now| end.is_some_and(|end| now >= end))
         .map_err(|error| Failure::hardware(format!("virtual board: {error}")))
+}
+
+/// What the board's pins are joined to; the levels between are those of the board's own defaults.
+pub fn bench(
+    image: &Image,
+    model: &Model,
+    rate_hz: f64,
+    seed: u64,
+    anti_alias_hz: Option<f64>,
+) -> Result<BenchSettings, Failure> {
+    let has_external_converters = image.has_external_converters();
+    let (converters, parameters) = if has_external_converters {
+        (Converters::EXTERNAL_16BIT, Parameters::EXTERNAL_PI1)
+    } else {
+        (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
+    };
+    let checked = Parameters { rate_hz: rate_hz as f32, ..parameters }
+        .check(&converters)
+        .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
+    let chain = model.chain();
+    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+    let start = Start { state, drive_v };
+    Ok(BenchSettings { chain, start, calibration: checked.calibration, seed, anti_alias_hz, has_external_converters })
 }
 
 /// The line, and where a host finds it.

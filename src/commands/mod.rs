@@ -8,6 +8,7 @@ mod demo;
 mod design;
 mod diagnose;
 mod effects;
+mod hil;
 mod identify;
 mod logs;
 mod replay;
@@ -30,6 +31,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
         Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
+        Some(Command::Hil(call)) => hil::hil(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

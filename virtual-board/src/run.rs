@@ -70,7 +70,7 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
         return Err(BoardError::Silent { request: "hello".into() });
     };
     board.order(&ToBoard::SetParameters(experiment.parameters))?;
-    send_waveform(&mut board, experiment)?;
+    experiment.waveform.send(experiment.is_closed_loop, |request| board.order(request))?;
     let Heard::Identity { reference_step_m, .. } = board.ask(&ToBoard::Hello)? else {
         return Err(BoardError::Silent { request: "hello".into() });
     };
@@ -120,19 +120,6 @@ pub fn run(image: &Image, experiment: &Experiment, progress: &dyn Fn(u64)) -> Re
         streamed: streamed.into_iter().take(rows.len()).collect(),
         rows,
     })
-}
-
-fn send_waveform(board: &mut VirtualBoard, experiment: &Experiment) -> Result<(), BoardError> {
-    board.order(&ToBoard::WaveClear)?;
-    for segment in &experiment.waveform.segments {
-        board.order(&ToBoard::WaveSegment(*segment))?;
-    }
-    // 100 samples are 400 bytes of a message.
-    for (index, part) in experiment.waveform.table.chunks(100).enumerate() {
-        let values: Vec<u8> = part.iter().flat_map(|value| value.to_le_bytes()).collect();
-        board.order(&ToBoard::WaveTable { offset: (100 * index) as u16, values: &values })?;
-    }
-    board.order(&ToBoard::WaveUse { is_closed_loop: experiment.is_closed_loop })
 }
 
 /// The streamed samples from the first one of the running loop on, as long as there is no gap, and that one's number.

@@ -3,7 +3,7 @@
 //! The same segments as `simulate` plays, from the same numbers, so that both play the same bits.
 
 use plant_sim::spec::{self, Part, Shape, Spec};
-use wire::{SegmentRecord, Wave};
+use wire::{SegmentRecord, ToBoard, Wave};
 
 /// Samples of the board's table, and its segments; the identity states them, too.
 const TABLE_SAMPLES: usize = 4096;
@@ -54,6 +54,23 @@ impl Waveform {
             return Err(WaveformError::TooLong { samples: waveform.table.len() });
         }
         Ok(waveform)
+    }
+
+    /// The requests that put it on a board, in order, each given to `order`.
+    ///
+    /// # Errors
+    /// The first one of `order`.
+    pub fn send<E>(&self, is_closed_loop: bool, mut order: impl FnMut(&ToBoard<'_>) -> Result<(), E>) -> Result<(), E> {
+        order(&ToBoard::WaveClear)?;
+        for segment in &self.segments {
+            order(&ToBoard::WaveSegment(*segment))?;
+        }
+        // 100 samples are 400 bytes of a message.
+        for (index, part) in self.table.chunks(100).enumerate() {
+            let values: Vec<u8> = part.iter().flat_map(|value| value.to_le_bytes()).collect();
+            order(&ToBoard::WaveTable { offset: (100 * index) as u16, values: &values })?;
+        }
+        order(&ToBoard::WaveUse { is_closed_loop })
     }
 
     fn add(&mut self, part: &Part, rate_hz: f64) -> Result<(), WaveformError> {

@@ -179,6 +179,18 @@ impl Checked {
     pub fn is_at_rail(&self, code: AdcCode) -> bool {
         u32::from(code.0).wrapping_sub(u32::from(self.open_codes.0)) >= u32::from(self.open_codes.1)
     }
+
+    /// What the amplifier puts out where its monitor's ADC delivers `code`.
+    pub fn monitor_v(&self, code: u16) -> f32 {
+        (f32::from(code) - self.monitor_zero_code) * self.monitor_v_per_code
+    }
+
+    /// The code that the monitor's ADC would deliver for what the amplifier puts out: what a simulated amplifier needs.
+    pub fn monitor_code(&self, amplifier_v: f32, board: &Converters) -> u16 {
+        let last = ((1_u32 << board.monitor_bits.min(16)) - 1) as u16;
+        // A float to integer conversion saturates, and makes 0 of NaN.
+        ((amplifier_v / self.monitor_v_per_code + self.monitor_zero_code + 0.5) as u16).min(last)
+    }
 }
 
 impl Converters {

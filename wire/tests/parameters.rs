@@ -61,3 +61,18 @@ fn a_board_may_run_alone_and_without_a_monitor() {
     let alone = Parameters { link_timeout_s: f32::INFINITY, monitor_tolerance_v: f32::INFINITY, ..good() };
     assert_eq!(alone.check(&NUCLEO).unwrap().link_timeout_samples, u32::MAX);
 }
+
+#[test]
+fn every_code_of_the_monitor_comes_back_and_the_rest_saturates() {
+    for (parameters, board) in
+        [(Parameters::NUCLEO_PI1, Converters::NUCLEO_G474RE), (Parameters::EXTERNAL_PI1, Converters::EXTERNAL_16BIT)]
+    {
+        let checked = parameters.check(&board).unwrap();
+        for code in 0..4096 {
+            assert_eq!(checked.monitor_code(checked.monitor_v(code), &board), code);
+        }
+        assert_eq!([-1e3, 1e3].map(|volts| checked.monitor_code(volts, &board)), [0, 4095]);
+        // 0 V of the amplifier is half of the 3.3 V.
+        assert_eq!((checked.monitor_code(0.0, &board), checked.monitor_v(2048)), (2048, 0.0));
+    }
+}

@@ -36,6 +36,8 @@ pub struct Writer {
     interval_s: Option<f64>,
     time_decimals: Option<usize>,
     n_rows: u64,
+    /// Bytes of whole rows that the operating system has, for a live log.
+    handed_over: Option<u64>,
     line: Vec<u8>,
     scratch: String,
 }
@@ -49,7 +51,52 @@ impl Writer {
         Self::with_interval(path, meta, columns, meta.rate_hz.map(f64::recip))
     }
 
+    /// As [`Writer::create`], but under its own name from the start and never taken back: what [`Writer::flush`] has handed over stays
+    /// readable however the program ends.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`], also for a file that is there already.
+    pub fn create_live(path: &Path, meta: &Meta, columns: &[Column]) -> Result<Self, LogError> {
+        let mut writer = Self::begin(Staged::live(path)?, path, meta, columns, meta.rate_hz.map(f64::recip))?;
+        writer.handed_over = Some(0);
+        Ok(writer)
+    }
+
+    /// Hands all rows so far to the operating system. Called at least every few hundred rows, no row is ever cut in two on disk.
+    ///
+    /// # Errors
+    /// [`LogError::Unwritable`]. A live log then ends with the rows handed over before, and is given up.
+    pub fn flush(&mut self) -> Result<(), LogError> {
+        let Some(staged) = &mut self.staged else { return Err(gave_up(&self.path)) };
+        let flushed = staged.file.flush().and_then(|()| Ok(staged.file.get_ref().metadata()?.len()));
+        match flushed {
+            Ok(bytes) => {
+                self.handed_over = self.handed_over.map(|_| bytes);
+                Ok(())
+            }
+            Err(source) => {
+                // Closed first: it tries once more to write what it holds.
+                self.staged = None;
+                if let Some(bytes) = self.handed_over {
+                    // Nobody is left to be told if this fails too.
+                    let _ = OpenOptions::new().write(true).open(&self.path).and_then(|file| file.set_len(bytes));
+                }
+                Err(LogError::Unwritable { path: self.path.clone(), source })
+            }
+        }
+    }
+
     fn with_interval(path: &Path, meta: &Meta, columns: &[Column], interval_s: Option<f64>) -> Result<Self, LogError> {
+        Self::begin(Staged::create(path)?, path, meta, columns, interval_s)
+    }
+
+    fn begin(
+        mut staged: Staged,
+        path: &Path,
+        meta: &Meta,
+        columns: &[Column],
+        interval_s: Option<f64>,
+    ) -> Result<Self, LogError> {
         let mut head = String::new();
         for (key, value) in meta.entries() {
             head.push_str(&format!("# {key}: {value}\n"));
@@ -57,7 +104,6 @@ impl Writer {
         let names: Vec<&str> = columns.iter().map(|column| column.file_name()).collect();
         head.push_str(&names.join(","));
         head.push('\n');
-        let mut staged = Staged::create(path)?;
         staged.put(head.as_bytes())?;
         Ok(Self {
             path: path.to_path_buf(),
@@ -66,6 +112,7 @@ impl Writer {
             interval_s,
             time_decimals: None,
             n_rows: 0,
+            handed_over: None,
             line: Vec::new(),
             scratch: String::new(),
         })
@@ -394,6 +441,14 @@ impl Staged {
             target,
             file: BufWriter::with_capacity(1 << 16, file),
         })
+    }
+
+    /// A new file under its own name.
+    fn live(path: &Path) -> Result<Self, LogError> {
+        let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
+        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(unwritable)?;
+        let target = path.to_path_buf();
+        Ok(Self { path: target.clone(), temporary: None, target, file: BufWriter::with_capacity(1 << 16, file) })
     }
 
     fn unwritable(&self, source: io::Error) -> LogError {

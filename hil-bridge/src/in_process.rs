@@ -1,0 +1,332 @@
+//! A board without a chip: `control-core` behind the link's protocol, in this process.
+//!
+//! It answers what a lockstep run asks for as the firmware does (`firmware/src/link.rs`, `Control::bridge` in `firmware/src/control.rs`), with
+//! the same law, mode machine and conversions. Stream, capture, flash and everything analog are refused in words.
+
+use crate::link::{Link, LinkError};
+use control_core::{AdcCode, Command, Controller, DacCode, FaultCode, Generator, Input, Mode, ModeName, Segment};
+use std::time::{Duration, Instant};
+use wire::{
+    Checked, Converters, Frame, Identity, InputSource, MAX_ENCODED_BYTES, Parameters, Receiver, ResetCause,
+    SegmentRecord, Sender, Status, ToBoard, ToHost, WireError,
+};
+
+/// Samples of the waveform's table and its segments, as on the boards.
+const TABLE_SAMPLES: usize = 4096;
+const SEGMENTS: usize = 16;
+
+const NOT_IDLE: &str = "only while idle: stop first";
+const NO_BRIDGE: &str = "the input is the ADC: choose the bridge first";
+const NOT_HERE: &str = "a board in process has no converters, stream, capture or flash";
+
+/// What the loop is to do.
+enum Task {
+    Reference(f32),
+    Drive(f32),
+    Wave { is_closed_loop: bool },
+}
+
+/// The board, and the link to it.
+pub struct InProcess {
+    converters: Converters,
+    parameters: Parameters,
+    checked: Checked,
+    controller: Controller,
+    input: InputSource,
+    task: Task,
+    records: Vec<SegmentRecord>,
+    /// The segments of the waveform in use; those that play the table are built when they are played.
+    wave: Vec<Option<Segment<'static>>>,
+    table: Vec<f32>,
+    monitor_misses: u32,
+    drive_v: f32,
+    samples: u32,
+    bad_frames: u32,
+    told_fault: Option<FaultCode>,
+    receiver: Receiver,
+    sender: Sender,
+    to_host: Vec<u8>,
+    since: Instant,
+}
+
+impl InProcess {
+    /// With the converters and defaults of a Nucleo-G474RE.
+    pub fn nucleo() -> InProcess {
+        let (converters, parameters) = (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1);
+        let checked = parameters.check(&converters).expect("a board's own defaults pass its own check");
+        InProcess {
+            converters,
+            parameters,
+            checked,
+            controller: Controller::new(checked.law),
+            input: InputSource::Analog,
+            task: Task::Reference(0.0),
+            records: Vec::new(),
+            wave: Vec::new(),
+            table: vec![0.0; TABLE_SAMPLES],
+            monitor_misses: 0,
+            drive_v: 0.0,
+            samples: 0,
+            bad_frames: 0,
+            told_fault: None,
+            receiver: Receiver::new(),
+            sender: Sender::default(),
+            to_host: Vec::new(),
+            since: Instant::now(),
+        }
+    }
+
+    /// Frames from the host that were damaged or unknown.
+    pub fn bad_frames(&self) -> u32 {
+        self.bad_frames
+    }
+
+    fn say(&mut self, message: &ToHost<'_>) {
+        let mut bytes = [0; MAX_ENCODED_BYTES];
+        // Every message here is far shorter than a frame.
+        if let Ok(n) = self.sender.encode(message, &mut bytes) {
+            self.to_host.extend_from_slice(&bytes[..n]);
+        }
+    }
+
+    fn refuse(&mut self, sequence: u16, reason: &str) {
+        self.say(&ToHost::Refused { sequence, reason });
+    }
+
+    fn handle(&mut self, frame: &Frame<'_>) {
+        let sequence = frame.sequence;
+        let message = match frame.message::<ToBoard<'_>>() {
+            Ok(message) => message,
+            Err(error) => {
+                self.bad_frames += 1;
+                return self.refuse(sequence, &error.to_string());
+            }
+        };
+        match message {
+            ToBoard::Hello => self.say_identity(),
+            ToBoard::KeepAlive => self.say_status(),
+            ToBoard::GetParameters => {
+                let parameters = self.parameters;
+                self.say(&ToHost::Parameters(parameters));
+            }
+            ToBoard::BridgeSample { index, displacement, monitor } => match self.input {
+                InputSource::Analog => self.refuse(sequence, NO_BRIDGE),
+                InputSource::Bridge => self.bridge(index, displacement, monitor),
+            },
+            order => match self.obey(&order) {
+                Ok(()) => self.say(&ToHost::Done { sequence }),
+                Err(reason) => self.refuse(sequence, &reason),
+            },
+        }
+    }
+
+    fn obey(&mut self, order: &ToBoard<'_>) -> Result<(), String> {
+        let is_idle = matches!(self.controller.mode(), Mode::Idle);
+        let words = |refused: control_core::Refused| refused.to_string();
+        match order {
+            ToBoard::Arm => {
+                self.monitor_misses = 0;
+                self.controller.arm().map_err(words)
+            }
+            ToBoard::Run => self.controller.run().map_err(words),
+            ToBoard::Stop => self.controller.stop().map_err(words),
+            ToBoard::ClearFault => self.controller.clear_fault().map_err(words),
+            ToBoard::SetParameters(parameters) => self.set(*parameters, is_idle),
+            ToBoard::Reference { reference_m } => {
+                self.task = Task::Reference(*reference_m);
+                Ok(())
+            }
+            ToBoard::Drive { drive_v } => {
+                self.task = Task::Drive(*drive_v);
+                Ok(())
+            }
+            ToBoard::WaveClear
+            | ToBoard::WaveSegment(_)
+            | ToBoard::WaveTable { .. }
+            | ToBoard::WaveUse { .. }
+            | ToBoard::Input(_)
+                if !is_idle =>
+            {
+                Err(NOT_IDLE.into())
+            }
+            ToBoard::WaveClear => {
+                self.records.clear();
+                self.task = Task::Reference(0.0);
+                Ok(())
+            }
+            ToBoard::WaveSegment(_) if self.records.len() == SEGMENTS => {
+                Err("the waveform is full: 16 segments".into())
+            }
+            ToBoard::WaveSegment(record) => {
+                self.records.push(*record);
+                Ok(())
+            }
+            ToBoard::WaveTable { offset, values } => self.fill_table(usize::from(*offset), values),
+            ToBoard::WaveUse { is_closed_loop } => self.use_wave(*is_closed_loop),
+            ToBoard::Input(input) => {
+                self.input = *input;
+                Ok(())
+            }
+            _ => Err(NOT_HERE.into()),
+        }
+    }
+
+    fn set(&mut self, parameters: Parameters, is_idle: bool) -> Result<(), String> {
+        let checked = parameters.check(&self.converters).map_err(|error| error.to_string())?;
+        let is_only_law = parameters.with_settings(&self.parameters.settings()) == self.parameters;
+        let is_other_rate = parameters.rate_hz != self.parameters.rate_hz;
+        if !is_idle && (is_other_rate || !is_only_law) {
+            return Err("rate, calibration and guards change only while idle: stop first".into());
+        }
+        self.controller.exchange_law(checked.law);
+        self.checked = checked;
+        self.parameters = parameters;
+        if is_other_rate {
+            self.task = Task::Reference(0.0);
+        }
+        Ok(())
+    }
+
+    fn fill_table(&mut self, offset: usize, values: &[u8]) -> Result<(), String> {
+        self.task = Task::Reference(0.0);
+        let (values, rest) = values.as_chunks::<4>();
+        let places = self.table.get_mut(offset..).unwrap_or_default();
+        if !rest.is_empty() || values.len() > places.len() {
+            return Err("the table holds 4096 samples of four bytes".into());
+        }
+        for (place, value) in places.iter_mut().zip(values) {
+            *place = f32::from_le_bytes(*value);
+        }
+        Ok(())
+    }
+
+    fn use_wave(&mut self, is_closed_loop: bool) -> Result<(), String> {
+        self.task = Task::Reference(0.0);
+        let rate_hz = self.parameters.rate_hz;
+        let mut wave = Vec::new();
+        for record in &self.records {
+            record.build(rate_hz, &self.table).map_err(|error| error.to_string())?;
+            // Without a table nothing is borrowed, so that it can be kept.
+            wave.push(record.build(rate_hz, &[]).ok());
+        }
+        self.wave = wave;
+        self.task = Task::Wave { is_closed_loop };
+        Ok(())
+    }
+
+    /// One sample over the bridge.
+    fn bridge(&mut self, index: u32, displacement: u16, monitor: u16) {
+        self.samples = self.samples.wrapping_add(1);
+        let checked = self.checked;
+        if !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault) {
+            let is_fine = (checked.monitor_v(monitor) - self.drive_v).abs() <= checked.monitor_tolerance_v;
+            self.monitor_misses = if is_fine { 0 } else { self.monitor_misses + 1 };
+            // Of several faults the last one here counts, as on the boards.
+            if checked.is_at_rail(AdcCode(displacement)) {
+                self.controller.trip(FaultCode::SensorRail);
+            } else if self.monitor_misses >= u32::from(checked.monitor_samples) {
+                self.controller.trip(FaultCode::DriveMismatch);
+            }
+        }
+        let measured_m = checked.calibration.displacement_m(AdcCode(displacement));
+        let InProcess { records, wave, table, parameters, controller, task, .. } = self;
+        let built: Vec<Segment<'_>>;
+        let command = match *task {
+            Task::Reference(reference_m) => Command::Reference { reference_m },
+            Task::Drive(drive_v) => Command::Drive { drive_v },
+            Task::Wave { is_closed_loop } => {
+                let parts = records.iter().zip(wave.iter());
+                built = parts
+                    .filter_map(|(record, kept)| kept.or_else(|| record.build(parameters.rate_hz, table).ok()))
+                    .collect();
+                let generator = Generator::new(&built);
+                if is_closed_loop { Command::GeneratedReference(generator) } else { Command::GeneratedDrive(generator) }
+            }
+        };
+        let output = controller.tick(&Input { command, measured_m });
+        self.drive_v = output.drive_v;
+        let DacCode(drive) = checked.calibration.dac_code(output.drive_v);
+        let mode = self.controller.mode_name() as u8;
+        self.say(&ToHost::BridgeDrive {
+            index,
+            drive,
+            drive_v: output.drive_v,
+            reference_m: output.reference_m,
+            limited_by: output.limited_by.bits(),
+            mode,
+        });
+        let fault = self.controller.fault();
+        if fault != self.told_fault {
+            self.told_fault = fault;
+            if let Some(code) = fault {
+                let sample = self.samples;
+                self.say(&ToHost::Fault { code: code.number(), sample });
+            }
+        }
+    }
+
+    fn say_identity(&mut self) {
+        let (converters, reference_step_m) = (self.converters, self.parameters.reference_step_m(&self.converters));
+        self.say(&ToHost::Identity(Identity {
+            version: wire::VERSION,
+            board: "in-process",
+            firmware: concat!(env!("CARGO_PKG_VERSION"), " in-process"),
+            converters,
+            reference_step_m,
+            table_samples: TABLE_SAMPLES as u16,
+            segments: SEGMENTS as u16,
+            capture_samples: 0,
+        }));
+    }
+
+    fn say_status(&mut self) {
+        let status = Status {
+            mode: self.controller.mode_name() as u8,
+            fault: self.controller.fault().map_or(0, FaultCode::number),
+            reset: ResetCause::PowerOn,
+            input: self.input,
+            samples: self.samples,
+            overruns: 0,
+            lost_samples: 0,
+            ready_cycles: 0,
+            ready_max_cycles: 0,
+            bad_frames: self.bad_frames,
+        };
+        self.say(&ToHost::Status(status));
+    }
+}
+
+impl Link for InProcess {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        // Out of `self` while it is used, because a frame borrows it.
+        let mut receiver = std::mem::take(&mut self.receiver);
+        for byte in bytes {
+            match receiver.push(*byte) {
+                Some(Ok(frame)) => self.handle(&frame),
+                Some(Err(error)) => {
+                    self.bad_frames += 1;
+                    if let WireError::Version { .. } = error {
+                        self.refuse(0, &error.to_string());
+                    }
+                }
+                None => {}
+            }
+        }
+        self.receiver = receiver;
+        Ok(())
+    }
+
+    /// Everything that will come is there already, so that nothing is ever waited for.
+    fn receive(&mut self, _patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
+        into.append(&mut self.to_host);
+        Ok(())
+    }
+
+    fn now(&mut self) -> Duration {
+        self.since.elapsed()
+    }
+
+    fn patience(&self) -> Duration {
+        Duration::ZERO
+    }
+}

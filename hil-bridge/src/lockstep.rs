@@ -1,0 +1,261 @@
+//! Hardware in the loop, one sample after the other: the simulated plant's measurement to the board, the board's drive to the plant.
+//!
+//! The plant moves only between an answer and the next sample, so that it does not matter how long an answer takes. What the board would do
+//! in time is in the plant instead: the drive comes its latch after the sample. A sample that is lost on the link leaves the drive as it
+//! was, as a missed latch does on a bench.
+
+use crate::link::Link;
+use crate::session::{Board, Session, SessionError};
+use control_core::{AdcCode, DacCode, FaultCode, Limits, ModeName, Settings};
+use plant_sim::experiment::{Bench, Setup};
+use virtual_board::waveform::Waveform;
+use wire::{Checked, InputSource, ParameterError, Parameters, Status, ToBoard};
+
+/// Longest way to 0 V after the run, in seconds of the plant; the ramp takes milliseconds.
+const END_S: f64 = 1.0;
+
+/// Why there is no run, or only a part of one.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum LockstepError<E> {
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    #[error("the board refuses: {0}")]
+    Parameters(ParameterError),
+    #[error("the board is {mode}, driving its own pins: stop it there first")]
+    Busy { mode: &'static str },
+    #[error("the board is in a fault, {fault}: see to its cause, then repeat the call with --clear-fault")]
+    InFault { fault: String },
+    /// What the caller does with a row failed.
+    #[error("{0}")]
+    Row(E),
+}
+
+/// A board that is ready to be armed.
+#[derive(Clone, Debug)]
+pub struct Ready {
+    /// Who it is.
+    pub board: Board,
+    /// What it is set to.
+    pub parameters: Parameters,
+    /// The same, as its loop uses it.
+    pub checked: Checked,
+    /// From sample to drive, seconds.
+    pub latency_s: f64,
+}
+
+/// One sample of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Which, from 0.
+    pub index: usize,
+    /// Displacement as the board's ADC has it.
+    pub displacement_m: f64,
+    /// Command as the board's DAC has it, from this sample's latch on.
+    pub command_v: f64,
+    /// Reference in use.
+    pub reference_m: f64,
+    /// Which limits acted.
+    pub limited_by: Limits,
+    /// The sample or its answer was lost; everything but the displacement is that of the sample before.
+    pub is_lost: bool,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Samples whose exchange was lost.
+    pub lost: Vec<usize>,
+    /// The fault that the board ended in.
+    pub fault: Option<FaultCode>,
+    /// Largest magnitude of the true displacement at any sample, metres.
+    pub peak_m: f64,
+}
+
+/// The handshake, the law's settings and the waveform: everything up to arming.
+///
+/// # Errors
+/// [`LockstepError`]; nothing has moved then.
+pub fn prepare<L: Link, E>(
+    session: &mut Session<L>,
+    settings: &Settings,
+    waveform: &Waveform,
+    clear_fault: bool,
+) -> Result<Ready, LockstepError<E>> {
+    let board = session.greet()?;
+    let status = session.status()?;
+    if status.mode != ModeName::Idle as u8 {
+        free(session, &board, &status, clear_fault)?;
+    }
+    let parameters = session.parameters()?.with_settings(settings);
+    let checked = parameters.check(&board.converters).map_err(LockstepError::Parameters)?;
+    session.order(&ToBoard::SetParameters(parameters))?;
+    waveform.send(true, |request| session.order(request))?;
+    session.order(&ToBoard::Input(InputSource::Bridge))?;
+    let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+    Ok(Ready { board, parameters, checked, latency_s })
+}
+
+/// Measures a link: `samples` over the bridge to a board that stays idle. What came of it is in the session's statistics.
+///
+/// # Errors
+/// [`LockstepError`]; nothing has moved then.
+pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32) -> Result<Board, LockstepError<E>> {
+    let board = session.greet()?;
+    let status = session.status()?;
+    if status.mode != ModeName::Idle as u8 {
+        free(session, &board, &status, false)?;
+    }
+    let checked = session.parameters()?.check(&board.converters).map_err(LockstepError::Parameters)?;
+    session.order(&ToBoard::Input(InputSource::Bridge))?;
+    let AdcCode(zero) = checked.calibration.adc_code(0.0);
+    let monitor = checked.monitor_code(0.0, &board.converters);
+    for _ in 0..samples {
+        session.exchange(zero, monitor)?;
+    }
+    session.order(&ToBoard::Input(InputSource::Analog))?;
+    Ok(board)
+}
+
+/// To idle: out of a run over the bridge that its host did not end, and out of a fault, if that is allowed.
+fn free<L: Link, E>(
+    session: &mut Session<L>,
+    board: &Board,
+    status: &Status,
+    clear: bool,
+) -> Result<(), LockstepError<E>> {
+    let fault = FaultCode::from_number(status.fault);
+    if let (Some(fault), false) = (fault, clear) {
+        return Err(LockstepError::InFault { fault: fault.word().replace('_', " ") });
+    }
+    let is_bridged = status.input == InputSource::Bridge;
+    if fault.is_none() {
+        if !is_bridged {
+            let words = ["idle", "armed", "running", "stopping", "in its fault mode"];
+            return Err(LockstepError::Busy { mode: words.get(usize::from(status.mode)).unwrap_or(&"busy") });
+        }
+        if status.mode != ModeName::Stopping as u8 {
+            session.stop()?;
+        }
+    }
+    if is_bridged {
+        // Over the bridge only the host's samples move the ramp on. Nothing hangs on them: the DAC is at its safe level.
+        let parameters = session.parameters()?;
+        let checked = parameters.check(&board.converters).map_err(LockstepError::Parameters)?;
+        let AdcCode(zero) = checked.calibration.adc_code(0.0);
+        let mut drive_v = 0.0;
+        for _ in 0..(END_S * f64::from(parameters.rate_hz)) as u64 {
+            let monitor = checked.monitor_code(drive_v, &board.converters);
+            let Some(drive) = session.exchange(zero, monitor)? else { continue };
+            drive_v = drive.drive_v;
+            if drive.mode == ModeName::Idle as u8 || (drive.mode == ModeName::Fault as u8 && drive_v == 0.0) {
+                break;
+            }
+        }
+    }
+    if fault.is_some() {
+        session.order(&ToBoard::ClearFault)?;
+    }
+    Ok(())
+}
+
+/// Runs a prepared board against the plant; `setup`'s latency is [`Ready::latency_s`]. Each row is given to `on_row` as it is made; if that fails,
+/// the board is stopped and the failure returned. The board ends idle or in its fault, at 0 V.
+///
+/// # Errors
+/// [`LockstepError`]. A fault of the board is none, the outcome says it.
+pub fn run<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    setup: &Setup<'_>,
+    mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    let mut bench = Bench::new(setup);
+    let mut outcome = Outcome::default();
+    session.order(&ToBoard::Arm)?;
+    session.order(&ToBoard::Run)?;
+    let mut last = Row {
+        index: 0,
+        displacement_m: 0.0,
+        command_v: 0.0,
+        reference_m: 0.0,
+        limited_by: Limits::NONE,
+        is_lost: false,
+    };
+    for index in 0..setup.samples {
+        let (row, _) = sample(session, ready, &mut bench, &Row { index, ..last })?;
+        outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
+        if row.is_lost {
+            outcome.lost.push(index);
+        }
+        if let Err(error) = on_row(session, &row) {
+            // The first failure is the one to tell.
+            let _ = end(session, ready, &mut bench, setup, &row);
+            return Err(LockstepError::Row(error));
+        }
+        bench.apply(row.command_v);
+        last = row;
+    }
+    outcome.fault = FaultCode::from_number(session.status()?.fault);
+    end(session, ready, &mut bench, setup, &last)?;
+    Ok(outcome)
+}
+
+/// Reads the plant and asks the board; the mode it answered, if it did.
+fn sample<L: Link>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    last: &Row,
+) -> Result<(Row, Option<u8>), SessionError> {
+    let calibration = &ready.checked.calibration;
+    let AdcCode(displacement) = calibration.adc_code(bench.read_m() as f32);
+    let monitor = ready.checked.monitor_code(bench.held_v() as f32, &ready.board.converters);
+    let displacement_m = f64::from(calibration.displacement_m(AdcCode(displacement)));
+    Ok(match session.exchange(displacement, monitor)? {
+        Some(drive) => {
+            let row = Row {
+                index: last.index,
+                displacement_m,
+                command_v: f64::from(calibration.drive_v(DacCode(drive.code))),
+                reference_m: f64::from(drive.reference_m),
+                limited_by: drive.limited_by,
+                is_lost: false,
+            };
+            (row, Some(drive.mode))
+        }
+        None => (Row { displacement_m, is_lost: true, ..*last }, None),
+    })
+}
+
+/// Stops the loop and goes on until the board is at 0 V, so that the next run finds it idle.
+fn end<L: Link>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    setup: &Setup<'_>,
+    last: &Row,
+) -> Result<(), SessionError> {
+    // In its fault mode the board is on its way already.
+    let is_faulted = session.status()?.fault != 0;
+    if !is_faulted {
+        session.stop()?;
+    }
+    let mut last = *last;
+    for _ in 0..(END_S * setup.rate_hz) as u64 {
+        let (row, mode) = sample(session, ready, bench, &last)?;
+        if mode == Some(ModeName::Idle as u8) {
+            // A convenience for whoever comes next, who does the same: not worth a failure on a bad line.
+            return match session.order(&ToBoard::Input(InputSource::Analog)) {
+                Err(SessionError::Silent { .. }) => Ok(()),
+                done => done,
+            };
+        }
+        if mode == Some(ModeName::Fault as u8) && row.command_v == 0.0 {
+            break;
+        }
+        bench.apply(row.command_v);
+        last = row;
+    }
+    Ok(())
+}

@@ -1,0 +1,224 @@
+//! A run on disk: what went in, copied; what came out, row by row. Whatever ends the program, what is there can be read.
+//!
+//! | file | what | written |
+//! | --- | --- | --- |
+//! | `run.json` | board, firmware, rate, seeds, reference, hashes: what a repetition needs | before the first sample |
+//! | `plant.toml`, `controller.toml` | the files as they were, byte for byte | before the first sample |
+//! | `log.csv` | the samples, as the converters had them | row by row; handed over every 256 rows or half a second |
+//! | `link.json` | the link's statistics and the samples it lost | every second, and at the end with the outcome |
+
+use crate::link::Place;
+use crate::lockstep::{Outcome, Ready, Row};
+use crate::statistics::Statistics;
+use plant_sim::log::{Column, LogError, Meta, Writer};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Rows between two hand-overs: 25 KB, less than the writer's buffer, so that no row is cut in two.
+const ROWS: usize = 256;
+const FLUSH: Duration = Duration::from_millis(500);
+const STATE: Duration = Duration::from_secs(1);
+/// Lost samples that are listed one by one.
+const LISTED: usize = 1000;
+
+/// Why a run can't be kept.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum RunError {
+    #[error("{}: holds files already; name a directory that is empty or not there", path.display())]
+    NotEmpty { path: PathBuf },
+    #[error("{}: cannot be written: {source}; name another place", path.display())]
+    Unwritable { path: PathBuf, source: io::Error },
+    #[error(transparent)]
+    Log(#[from] LogError),
+}
+
+/// What a run is made from.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// Where the board is.
+    pub place: &'a Place,
+    /// The board.
+    pub ready: &'a Ready,
+    /// Name and content of the plant's file.
+    pub plant: (&'a str, &'a [u8]),
+    /// Name and content of the controller's file.
+    pub controller: (&'a str, &'a [u8]),
+    /// The reference's SPEC.
+    pub reference: &'a str,
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// Samples to record.
+    pub samples: usize,
+    /// Seed of the sensor's noise and of lost commands.
+    pub seed: u64,
+    /// Faults of the link, made on purpose, with their seed.
+    pub link_faults: Option<(&'a str, u64)>,
+}
+
+/// A run that is being written.
+#[derive(Debug)]
+pub struct RunDirectory {
+    path: PathBuf,
+    log: Writer,
+    rate_hz: f64,
+    rows: usize,
+    unflushed: usize,
+    flushed_at: Duration,
+    stated_at: Duration,
+    lost: Vec<usize>,
+}
+
+impl RunDirectory {
+    /// Makes `path`, which must be empty or not there, and writes what is known before the first sample.
+    ///
+    /// # Errors
+    /// [`RunError`].
+    pub fn create(path: &Path, facts: &Facts<'_>) -> Result<RunDirectory, RunError> {
+        check_place(path)?;
+        std::fs::create_dir_all(path).map_err(unwritable(path))?;
+        let Facts { ready, rate_hz, .. } = *facts;
+        write(&path.join("plant.toml"), facts.plant.1)?;
+        write(&path.join("controller.toml"), facts.controller.1)?;
+        write(&path.join("run.json"), format!("{:#}\n", json(facts)).as_bytes())?;
+        let calibration = &ready.checked.calibration;
+        let mut meta = Meta {
+            rate_hz: Some(rate_hz),
+            latency_s: ready.latency_s,
+            adc_lsb_m: Some(f64::from(calibration.displacement_m_per_code()).abs()),
+            dac_lsb_v: Some(f64::from(calibration.drive_v_per_code()).abs()),
+            controller: Some(facts.controller.0.to_owned()),
+            firmware: Some(ready.board.firmware.clone()),
+            seed: Some(facts.seed.to_string()),
+            ..Meta::default()
+        };
+        meta.other.insert("plant".into(), facts.plant.0.to_owned());
+        meta.other.insert("board".into(), ready.board.board.clone());
+        let columns = [Column::Time, Column::Command, Column::Displacement, Column::Reference, Column::LimitedBy];
+        let log = Writer::create_live(&path.join("log.csv"), &meta, &columns)?;
+        Ok(RunDirectory {
+            path: path.to_owned(),
+            log,
+            rate_hz,
+            rows: 0,
+            unflushed: 0,
+            flushed_at: Duration::ZERO,
+            stated_at: Duration::ZERO,
+            lost: Vec::new(),
+        })
+    }
+
+    /// Appends a row at `now`, the link's time.
+    ///
+    /// # Errors
+    /// [`RunError`]; what was appended before stays.
+    pub fn row(&mut self, row: &Row, now: Duration, statistics: &Statistics) -> Result<(), RunError> {
+        let time_s = row.index as f64 / self.rate_hz;
+        let limited_by = f64::from(row.limited_by.bits());
+        self.log.row(&[time_s, row.command_v, row.displacement_m, row.reference_m, limited_by])?;
+        self.rows += 1;
+        self.unflushed += 1;
+        if row.is_lost && self.lost.len() < LISTED {
+            self.lost.push(row.index);
+        }
+        if self.unflushed >= ROWS || now.saturating_sub(self.flushed_at) >= FLUSH {
+            self.log.flush()?;
+            (self.unflushed, self.flushed_at) = (0, now);
+        }
+        if now.saturating_sub(self.stated_at) >= STATE {
+            self.stated_at = now;
+            self.state(statistics, None)?;
+        }
+        Ok(())
+    }
+
+    /// The end of the run.
+    ///
+    /// # Errors
+    /// [`RunError`].
+    pub fn finish(mut self, statistics: &Statistics, outcome: &Outcome) -> Result<(), RunError> {
+        self.log.flush()?;
+        self.state(statistics, Some(outcome))?;
+        Ok(self.log.finish()?)
+    }
+
+    /// What there is of a run that something ended.
+    ///
+    /// # Errors
+    /// [`RunError`].
+    pub fn keep(&mut self, statistics: &Statistics) -> Result<(), RunError> {
+        let flushed = self.log.flush();
+        self.state(statistics, None)?;
+        Ok(flushed?)
+    }
+
+    fn state(&self, statistics: &Statistics, outcome: Option<&Outcome>) -> Result<(), RunError> {
+        let mut value = statistics.json();
+        value["rows"] = self.rows.into();
+        // So many; which ones, for the first thousand.
+        value["lost_samples"] = json!(self.lost);
+        value["is_complete"] = outcome.is_some().into();
+        if let Some(outcome) = outcome {
+            value["lost_samples_total"] = outcome.lost.len().into();
+            value["peak_um"] = (outcome.peak_m * 1e6).into();
+            value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
+        }
+        // Whole or as before: it takes the other one's place when all is there.
+        let partial = self.path.join("link.json.partial");
+        write(&partial, format!("{value:#}\n").as_bytes())?;
+        let path = self.path.join("link.json");
+        std::fs::rename(&partial, &path).map_err(unwritable(&path))
+    }
+}
+
+/// Whether a run can go to `path`; said before a board is spoken to.
+///
+/// # Errors
+/// [`RunError::NotEmpty`], [`RunError::Unwritable`].
+pub fn check_place(path: &Path) -> Result<(), RunError> {
+    match std::fs::read_dir(path) {
+        Ok(mut entries) => match entries.next() {
+            Some(_) => Err(RunError::NotEmpty { path: path.to_owned() }),
+            None => Ok(()),
+        },
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(RunError::Unwritable { path: path.to_owned(), source }),
+    }
+}
+
+fn json(facts: &Facts<'_>) -> Value {
+    let file = |(name, content): (&str, &[u8])| json!({ "file": name, "sha256": sha256(content) });
+    json!({
+        "schema": "hysteron-run-1",
+        "program": format!("hysteron {}", env!("CARGO_PKG_VERSION")),
+        "mode": "lockstep",
+        "link": facts.place.to_string(),
+        "link_faults": facts.link_faults.map(|(faults, seed)| json!({ "shares": faults, "seed": seed })),
+        "board": facts.ready.board.board,
+        "firmware": facts.ready.board.firmware,
+        "wire_version": wire::VERSION,
+        "plant": file(facts.plant),
+        "controller": file(facts.controller),
+        "reference": facts.reference,
+        "rate_hz": facts.rate_hz,
+        "samples": facts.samples,
+        "latency_us": facts.ready.latency_s * 1e6,
+        "seed": facts.seed,
+    })
+}
+
+fn sha256(content: &[u8]) -> String {
+    Sha256::digest(content).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn write(path: &Path, content: &[u8]) -> Result<(), RunError> {
+    std::fs::write(path, content).map_err(unwritable(path))
+}
+
+fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> RunError {
+    let path = path.to_owned();
+    |source| RunError::Unwritable { path, source }
+}

@@ -1,0 +1,163 @@
+//! The lockstep loop over every link: the same seed, the same bits; the board's law and nothing else; how a run ends.
+#![allow(clippy::unwrap_used, reason = "a test may unwrap, as clippy.toml says, and so may what tests share")]
+
+mod support;
+
+use control_core::{FaultCode, ModeName};
+use hil_bridge::in_process::InProcess;
+use hil_bridge::in_virtual::InVirtual;
+use hil_bridge::lockstep::{LockstepError, prepare, probe, run};
+use hil_bridge::session::Session;
+use hil_bridge::tcp::Tcp;
+use plant_sim::experiment::{Program, Setup, closed_loop};
+use plant_sim::replay::Start;
+use plant_sim::spec::Spec;
+use support::{RATE_HZ, SPEC, bench, image, lockstep, noisy, pi1, served, waveform};
+use virtual_board::serve::TcpLine;
+use wire::{InputSource, ToBoard};
+
+const SAMPLES: usize = 600;
+
+/// The rows of the board in process, which the other links are held against.
+fn in_process(seed: u64) -> Vec<hil_bridge::lockstep::Row> {
+    let done = lockstep(&mut Session::new(InProcess::nucleo()), &noisy(), SPEC, SAMPLES, seed).unwrap();
+    assert_eq!(done.outcome.fault, None);
+    assert!(done.outcome.lost.is_empty());
+    assert_eq!(done.rows.len(), SAMPLES);
+    done.rows
+}
+
+#[test]
+fn in_process_the_seed_decides_and_nothing_else() {
+    assert_eq!(in_process(1), in_process(1));
+    assert_ne!(in_process(1), in_process(2));
+}
+
+#[test]
+fn over_tcp_the_bits_are_those_in_process() {
+    let mut line = TcpLine::open("127.0.0.1:0").unwrap();
+    let address = line.address().unwrap().to_string();
+    let (rows, statistics) = served(&mut line, || {
+        let mut session = Session::new(Tcp::connect(&address).unwrap());
+        let rows = lockstep(&mut session, &noisy(), SPEC, SAMPLES, 1).unwrap().rows;
+        (rows, session.statistics().clone())
+    });
+    assert_eq!(rows, in_process(1));
+    assert_eq!((statistics.answered, statistics.lost, statistics.late), (statistics.requests, 0, 0));
+    assert!(statistics.round_trip.total() >= SAMPLES as u64);
+}
+
+#[cfg(unix)]
+#[test]
+fn over_a_pseudo_terminal_the_bits_are_those_in_process() {
+    use hil_bridge::serial::Serial;
+    let mut line = virtual_board::serve::PtyLine::open().unwrap();
+    let path = line.path().to_owned();
+    let rows = served(&mut line, || {
+        // A busy machine is no lossy link.
+        let port = Serial::open(&path, 3_000_000).unwrap().with_patience(std::time::Duration::from_secs(60));
+        lockstep(&mut Session::new(port), &noisy(), SPEC, SAMPLES, 1).unwrap().rows
+    });
+    assert_eq!(rows, in_process(1));
+}
+
+#[test]
+fn on_the_virtual_board_the_bits_are_those_in_process() {
+    let Some(image) = image() else { return };
+    let board = InVirtual::new(&image, &bench(), RATE_HZ).unwrap();
+    let mut session = Session::new(board);
+    let done = lockstep(&mut session, &noisy(), SPEC, SAMPLES, 1).unwrap();
+    assert_eq!(done.ready.board.board, "nucleo-g474re");
+    assert_eq!(done.rows, in_process(1));
+    // And it is left as it was found.
+    assert_eq!(session.status().unwrap().mode, ModeName::Idle as u8);
+}
+
+#[test]
+fn the_loop_is_that_of_simulate_up_to_the_converters() {
+    let mut chain = noisy();
+    chain.sensor.noise_m = 0.0;
+    let rows = lockstep(&mut Session::new(InProcess::nucleo()), &chain, "step:40um@0.03s", SAMPLES, 1).unwrap().rows;
+    let start = Start::relaxed(&chain);
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s: 10e-6, seed: 1 };
+    let program = Program::new(&Spec::parse("step:40um@0.03s").unwrap(), RATE_HZ).unwrap();
+    let ideal = closed_loop(&setup, &pi1(), &program, &|_| ()).unwrap();
+    let square = |(row, ideal_m): (&hil_bridge::lockstep::Row, &f64)| (row.displacement_m - ideal_m).powi(2);
+    let sum: f64 = rows.iter().zip(&ideal.displacement_m).map(square).sum();
+    let rms_m = (sum / SAMPLES as f64).sqrt();
+    // The ADC's step is 63.5 nm, 18 nm rms; the DAC's 50 mV are 95 nm at 530 kV/m, 27 nm rms, which the loop shapes. Four times both
+    // together is the most; less than half of the ADC's own would mean that no converter was in the loop.
+    assert!((9e-9..130e-9).contains(&rms_m), "{rms_m}");
+    // Every command is one that the DAC can make.
+    let lsb_v = 3.3 / 4096.0 * 90.0 / 1.45;
+    assert!(rows.iter().all(|row| (row.command_v / lsb_v - (row.command_v / lsb_v).round()).abs() < 1e-3));
+}
+
+#[test]
+fn a_plant_beyond_the_guard_ends_in_a_fault_at_0_v_and_is_cleared_only_when_told() {
+    let mut chain = noisy();
+    // A sensor wired the wrong way round: the loop drives the plant away.
+    chain.sensor.gain = -1.0;
+    let mut session = Session::new(InProcess::nucleo());
+    let done = lockstep(&mut session, &chain, "step:40um@0.03s", SAMPLES, 1).unwrap();
+    assert_eq!(done.outcome.fault, Some(FaultCode::DisplacementTrip));
+    assert_eq!(done.rows.last().unwrap().command_v, 0.0);
+    assert!(done.rows.last().unwrap().limited_by.is_safe_state());
+    let again = lockstep(&mut session, &noisy(), SPEC, 10, 1);
+    assert!(matches!(again, Err(LockstepError::InFault { .. })));
+    prepare::<_, std::convert::Infallible>(&mut session, &pi1(), &waveform(SPEC), true).unwrap();
+    assert_eq!(lockstep(&mut session, &noisy(), SPEC, SAMPLES, 1).unwrap().rows, in_process(1));
+}
+
+#[test]
+fn a_run_that_its_host_left_is_ended_by_the_next_unless_it_drives_pins() {
+    let mut session = Session::new(InProcess::nucleo());
+    prepare::<_, std::convert::Infallible>(&mut session, &pi1(), &waveform(SPEC), false).unwrap();
+    session.order(&ToBoard::Arm).unwrap();
+    session.order(&ToBoard::Run).unwrap();
+    for _ in 0..20 {
+        session.exchange(2048, 2048).unwrap();
+    }
+    assert_eq!(lockstep(&mut session, &noisy(), SPEC, SAMPLES, 1).unwrap().rows, in_process(1));
+    session.order(&ToBoard::Input(InputSource::Analog)).unwrap();
+    session.order(&ToBoard::Arm).unwrap();
+    let Err(LockstepError::Busy { mode }) = lockstep(&mut session, &noisy(), SPEC, 10, 1) else { panic!("not busy") };
+    assert_eq!(mode, "armed");
+}
+
+#[test]
+fn a_row_that_cannot_be_kept_stops_the_board() {
+    let mut session = Session::new(InProcess::nucleo());
+    let ready = prepare::<_, &str>(&mut session, &pi1(), &waveform(SPEC), false).unwrap();
+    let (chain, mut rows) = (noisy(), 0);
+    let start = Start::relaxed(&chain);
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s: 10e-6, seed: 1 };
+    let ended = run(&mut session, &ready, &setup, |_, row| {
+        rows += 1;
+        if row.index == 300 { Err("the disk is full") } else { Ok(()) }
+    });
+    assert!(matches!(ended, Err(LockstepError::Row("the disk is full"))));
+    assert_eq!(rows, 301);
+    let status = session.status().unwrap();
+    assert_eq!((status.mode, status.input), (ModeName::Idle as u8, InputSource::Analog));
+}
+
+#[test]
+fn a_probe_measures_the_link_and_leaves_the_board_as_it_was() {
+    let mut session = Session::new(InProcess::nucleo());
+    let board = probe::<_, std::convert::Infallible>(&mut session, 500).unwrap();
+    assert_eq!(board.board, "in-process");
+    let statistics = session.statistics();
+    assert_eq!((statistics.round_trip.total(), statistics.lost, statistics.late), (500, 0, 0));
+    // The board numbers its frames from 0, so that none is missing before the first.
+    assert_eq!((statistics.frames, statistics.missing), (statistics.requests, 0));
+    let link = statistics.json();
+    assert_eq!((&link["schema"], &link["round_trips"]), (&"hysteron-link-1".into(), &500.into()));
+    let us = ["p50", "p99", "p99_9", "max"].map(|key| link["round_trip_us"][key].as_f64().unwrap());
+    assert!(us[0] > 0.0 && us.is_sorted(), "{us:?}");
+    // Twice the 99.9 % round trip for each sample.
+    let paced = link["paced_at_most_hz"].as_f64().unwrap();
+    assert!((paced * 2e-6 * us[2] - 1.0).abs() < 1e-9, "{paced} {us:?}");
+    let status = session.status().unwrap();
+    assert_eq!((status.mode, status.input), (ModeName::Idle as u8, InputSource::Analog));
+}

@@ -1,0 +1,228 @@
+//! `hysteron hil`: the control code on a board against the simulated plant: a run directory, and what the link did.
+
+use crate::arguments::HilCall;
+use crate::commands::{board, board_serve};
+use crate::failure::Failure;
+use crate::output;
+use hil_bridge::faulty::{Faults, Faulty};
+use hil_bridge::in_process::InProcess;
+use hil_bridge::in_virtual::InVirtual;
+use hil_bridge::link::{Link, Place};
+use hil_bridge::lockstep::{Outcome, prepare, probe, run};
+use hil_bridge::run_directory::{Facts, RunDirectory, RunError, check_place};
+use hil_bridge::session::{Board, Session};
+use hil_bridge::statistics::Statistics;
+use hil_bridge::tcp::Tcp;
+use plant_sim::experiment::{Program, Setup};
+use plant_sim::model::Model;
+use plant_sim::replay::Start;
+use plant_sim::spec::{Spec, Unit};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::Duration;
+use virtual_board::Image;
+use virtual_board::waveform::Waveform;
+
+/// Samples of a probe: ten are slower than the 99.9 %.
+const PROBES: u32 = 10_000;
+/// Fewest rows that a log has, and the most that one call makes: 14 hours at 20 kHz, 50 GB.
+const ROWS: std::ops::RangeInclusive<f64> = 16.0..=1e9;
+
+/// Runs it.
+pub fn hil(call: &HilCall) -> Result<(), Failure> {
+    if call.probe_link {
+        return probe_link(call);
+    }
+    let (Some(plant), Some(controller), Some(reference), Some(out)) =
+        (&call.plant, &call.controller, &call.reference, &call.out)
+    else {
+        return Err(Failure::call("give --plant, --controller, --reference and --out, or --probe-link"));
+    };
+    let model = Model::read(plant)?;
+    let chain = model.chain();
+    let settings = board::settings(controller, call.rate)?;
+    let spec = Spec::parse(reference)?;
+    let program = Program::new(&spec, call.rate)?;
+    if program.unit() == Some(Unit::Volt) {
+        return Err(Failure::call("--reference is a displacement: give its amplitudes in um"));
+    }
+    let samples = match (call.seconds, program.samples()) {
+        (Some(seconds), _) => (seconds * call.rate).round(),
+        (None, Some(samples)) => samples as f64,
+        (None, None) => return Err(Failure::call("the SPEC has no length of its own: give --seconds")),
+    };
+    if !ROWS.contains(&samples) {
+        return Err(Failure::call(format!(
+            "{samples} samples: a run has {} to {:e}; change --seconds or --rate",
+            ROWS.start(),
+            ROWS.end()
+        )));
+    }
+    let waveform = Waveform::new(&spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
+    let faults: Option<Faults> = call
+        .link_faults
+        .as_deref()
+        .map(str::parse)
+        .transpose()
+        .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
+    let contents = [plant, controller].map(|path| std::fs::read(path).map_err(|error| unreadable(path, &error)));
+    let [plant_bytes, controller_bytes] = contents;
+    let (plant_bytes, controller_bytes) = (plant_bytes?, controller_bytes?);
+    check_place(out)?;
+
+    let link = Faulty::new(open(call, Some(&model))?, faults.unwrap_or_default(), call.seed);
+    let mut session = session(call, link);
+    let ready = prepare::<_, RunError>(&mut session, &settings, &waveform, call.clear_fault)?;
+    let mut warnings = model.warnings();
+    warnings.extend(board::margins(&settings, call.rate, ready.latency_s, &chain)?);
+    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+    let start = Start { state, drive_v };
+    let samples = samples as usize;
+    let setup = Setup {
+        chain: &chain,
+        start: &start,
+        rate_hz: call.rate,
+        samples,
+        latency_s: ready.latency_s,
+        seed: call.seed,
+    };
+    let mut directory = RunDirectory::create(
+        out,
+        &Facts {
+            place: &call.board,
+            ready: &ready,
+            plant: (&output::file_name(plant), &plant_bytes),
+            controller: (&output::file_name(controller), &controller_bytes),
+            reference,
+            rate_hz: call.rate,
+            samples,
+            seed: call.seed,
+            link_faults: call.link_faults.as_deref().map(|faults| (faults, call.seed)),
+        },
+    )?;
+    let bar = output::bar(samples as u64, "running the board");
+    let report_every = (samples / 200).max(1);
+    session.link().switch(faults.is_some());
+    let ended = run(&mut session, &ready, &setup, |session, row| {
+        if row.index % report_every == 0 {
+            bar.set_position(row.index as u64);
+        }
+        let now = session.link().now();
+        directory.row(row, now, session.statistics())
+    });
+    bar.finish_and_clear();
+    let outcome = match ended {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            // Why it ended matters more than that this can't be written either.
+            let _ = directory.keep(session.statistics());
+            return Err(error.into());
+        }
+    };
+    directory.finish(session.statistics(), &outcome)?;
+    if !outcome.lost.is_empty() {
+        warnings.push(format!(
+            "{} of {samples} samples were lost on the link, where the drive was held: another run gives other bits",
+            outcome.lost.len()
+        ));
+    }
+    output::warn(&warnings);
+    say(call, &ready.board, session.statistics(), Some((&outcome, samples, out)));
+    match outcome.fault {
+        Some(fault) => Err(Failure::hardware(format!(
+            "the board is in {fault}: see limited_by in {}",
+            out.join("log.csv").display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+fn probe_link(call: &HilCall) -> Result<(), Failure> {
+    let model = call.plant.as_deref().map(Model::read).transpose()?;
+    let mut session = session(call, open(call, model.as_ref())?);
+    let board = probe::<_, RunError>(&mut session, PROBES)?;
+    say(call, &board, session.statistics(), None);
+    Ok(())
+}
+
+fn session<L: Link>(call: &HilCall, link: L) -> Session<L> {
+    let session = Session::new(link);
+    match call.patience_ms {
+        Some(ms) => session.with_patience(Duration::from_millis(ms)),
+        None => session,
+    }
+}
+
+/// The link that the call names.
+fn open(call: &HilCall, model: Option<&Model>) -> Result<Box<dyn Link>, Failure> {
+    if call.image.is_some() && call.board != Place::Virtual {
+        return Err(Failure::call("--image is for --board virtual: leave it out"));
+    }
+    Ok(match &call.board {
+        Place::InProcess => Box::new(InProcess::nucleo()),
+        Place::Virtual => {
+            let (Some(image), Some(model)) = (&call.image, model) else {
+                return Err(Failure::call(
+                    "--board virtual needs --image IMAGE.elf (cargo xtask firmware) and --plant",
+                ));
+            };
+            let image = Image::read(image).map_err(|error| Failure::file(error.to_string()))?;
+            let bench = board_serve::bench(&image, model, call.rate, call.seed, None)?;
+            Box::new(InVirtual::new(&image, &bench, call.rate)?)
+        }
+        Place::Tcp(address) => Box::new(Tcp::connect(address)?),
+        Place::Serial(path) => serial(path, call.baud)?,
+    })
+}
+
+#[cfg(unix)]
+fn serial(path: &Path, baud: u32) -> Result<Box<dyn Link>, Failure> {
+    Ok(Box::new(hil_bridge::serial::Serial::open(path, baud)?))
+}
+
+#[cfg(not(unix))]
+fn serial(_: &Path, _: u32) -> Result<Box<dyn Link>, Failure> {
+    Err(Failure::call("--board serial: not on this system; use tcp"))
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::file(format!("{}: cannot be read: {error}; check the name", path.display()))
+}
+
+fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Outcome, usize, &Path)>) {
+    let mut link = statistics.json();
+    if call.json {
+        let mut value = json!({ "board": board.board, "firmware": board.firmware, "link": link.take() });
+        if let Some((outcome, samples, _)) = run {
+            value["samples"] = samples.into();
+            value["lost_samples"] = outcome.lost.len().into();
+            value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
+            value["peak_um"] = (outcome.peak_m * 1e6).into();
+        }
+        return output::line(&value.to_string());
+    }
+    let us = |key: &str| link["round_trip_us"][key].as_f64().map_or("-".to_owned(), |us| format!("{us:.1}"));
+    let trips = format!("{} / {} / {} / {} us", us("p50"), us("p99"), us("p99_9"), us("max"));
+    let count = |key: &str| link.get(key).map_or_else(String::new, Value::to_string);
+    let counts = |keys: [&str; 4]| keys.map(count).join(", ");
+    let mut facts = vec![
+        ("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware)),
+        ("round trip, 50 / 99 / 99.9 % / most".to_owned(), trips),
+        ("requests, answered, lost, late".to_owned(), counts(["requests", "answered", "lost", "late"])),
+        (
+            "CRC errors, malformed, missing, resyncs".to_owned(),
+            counts(["crc_errors", "malformed", "missing", "resyncs"]),
+        ),
+    ];
+    if let (None, Some(hz)) = (run, statistics.paced_hz()) {
+        facts.push(("in real time at most".to_owned(), format!("{hz:.0} Hz, half of 1 / (99.9 % round trip)")));
+    }
+    if let Some((outcome, samples, _)) = run {
+        facts.push(("samples".to_owned(), samples.to_string()));
+        facts.push(("peak displacement".to_owned(), format!("{:.2} um", outcome.peak_m * 1e6)));
+    }
+    output::facts(&facts);
+    if let Some((_, _, out)) = run {
+        output::line(&format!("run: {}", out.display()));
+    }
+}

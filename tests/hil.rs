@@ -1,0 +1,294 @@
+//! `hysteron hil` from the command line: a run directory that repeats, survives a killed program, and calls that can't be meant.
+
+mod support;
+
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::process::{Child, Command, Stdio};
+use support::{Folder, PI1, PLANT, hysteron, root, run, stderr, stdout};
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).expect("JSON")
+}
+
+/// The run that most tests repeat.
+fn call(board: &str, out: &str) -> String {
+    format!(
+        "hil --board {board} --plant {PLANT} --controller {PI1} --reference step:80um --seconds 0.05 --seed 7 --out @/{out}"
+    )
+}
+
+/// The row part of a log: what the metadata say of the board may differ between links.
+fn rows(log: &str) -> &str {
+    &log[log.find("time_s").expect("a header")..]
+}
+
+#[test]
+fn a_run_directory_holds_what_a_repetition_needs_and_repeats_from_it() {
+    let folder = Folder::new("hil");
+    let output = run(&folder, &call("in-process", "a"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("board"), "{}", stdout(&output));
+    let log = folder.read("a/log.csv");
+    assert!(log.contains("\ntime_s,command_V,displacement_um,reference_um,limited_by\n"), "{log:.600}");
+    for key in ["# rate_hz: 20000\n", "# latency_us: 10\n", "# controller: pi1.toml\n", "# seed: 7\n", "# firmware: "] {
+        assert!(log.contains(key), "{key}");
+    }
+    for (copy, original) in [("a/plant.toml", PLANT), ("a/controller.toml", PI1)] {
+        assert_eq!(folder.read(copy), std::fs::read_to_string(root().join(original)).expect("ours"));
+    }
+    let (facts, link) = (json(&folder.read("a/run.json")), json(&folder.read("a/link.json")));
+    assert_eq!((&facts["schema"], &facts["seed"]), (&"hysteron-run-1".into(), &7.into()));
+    assert_eq!((&facts["reference"], &facts["samples"]), (&"step:80um".into(), &1000.into()));
+    assert_eq!((&link["rows"], &link["lost"], &link["is_complete"]), (&1000.into(), &0.into(), &true.into()));
+    assert_eq!((&link["fault"], &link["round_trips"].as_u64().map(|n| n >= 1000)), (&"none".into(), &Some(true)));
+
+    // From what the directory holds, the same bits.
+    let again = format!(
+        "hil --board in-process --plant @/a/plant.toml --controller @/a/controller.toml --reference {} --seconds 0.05 --seed {} --out @/b",
+        facts["reference"].as_str().expect("text"),
+        facts["seed"]
+    );
+    assert!(run(&folder, &again).status.success());
+    assert_eq!(rows(&folder.read("b/log.csv")), rows(&log));
+
+    // And it is a log: replay takes it. Left is the ADC's quantisation, 63.5 nm / sqrt(12) = 18.3 nm.
+    let replay = format!("replay --plant {PLANT} @/a/log.csv --out @/p.csv --initial relaxed --no-page --json");
+    let rms_um = json(&stdout(&run(&folder, &replay)))["rms_um"].as_f64().expect("a number");
+    assert!((0.012..0.025).contains(&rms_um), "{rms_um}");
+}
+
+/// A process that does not outlive its test.
+struct Kept(Child);
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn killed_in_the_middle_it_leaves_a_log_that_is_read() {
+    let folder = Folder::new("hil-killed");
+    let line = call("in-process", "run").replace("0.05", "5000");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+    command.current_dir(root()).args(line.split_whitespace().map(|word| folder.fill_in(word)));
+    let mut child = Kept(command.stderr(Stdio::null()).spawn().expect("the command starts"));
+    // Until link.json was written for the first time: a second into the run.
+    while !folder.path("run/link.json").exists() {
+        assert!(child.0.try_wait().expect("a child").is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let stated = json(&folder.read("run/link.json"))["rows"].as_u64().expect("a number");
+    // SIGKILL.
+    child.0.kill().expect("killed");
+    child.0.wait().expect("ended");
+    let log = folder.read("run/log.csv");
+    let last = log.lines().last().expect("a row");
+    assert!(log.ends_with('\n') && last.split(',').count() == 5, "{last}");
+    // At most a hand-over behind: 256 rows.
+    let kept = rows(&log).lines().count() as u64 - 1;
+    assert!(kept + 256 >= stated && kept >= 1000, "{kept} of {stated}");
+    let replay = format!("replay --plant {PLANT} @/run/log.csv --out @/p.csv --initial relaxed --no-page --json");
+    let replayed = run(&folder, &replay);
+    assert!(replayed.status.success(), "{}", stderr(&replayed));
+    assert_eq!(json(&folder.read("run/run.json"))["seed"], 7);
+    assert_eq!(json(&folder.read("run/link.json"))["is_complete"], false);
+}
+
+#[test]
+fn a_bad_link_is_in_the_statistics_and_the_run_says_so() {
+    let folder = Folder::new("hil-faults");
+    let faulty = |out: &str| call("in-process", out) + " --link-faults drop=0.005,flip=0.005 --json";
+    let output = run(&folder, &faulty("a"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("were lost on the link"), "{}", stderr(&output));
+    let (said, link) = (json(&stdout(&output)), json(&folder.read("a/link.json")));
+    let lost = link["lost_samples"].as_array().expect("a list").len();
+    assert!(lost > 5, "{lost}");
+    assert_eq!((&said["lost_samples"], &link["lost_samples_total"]), (&lost.into(), &lost.into()));
+    assert_eq!(json(&folder.read("a/run.json"))["link_faults"]["seed"], 7);
+    assert!(run(&folder, &faulty("b")).status.success());
+    assert_eq!(folder.read("a/log.csv"), folder.read("b/log.csv"));
+}
+
+#[test]
+fn over_tcp_and_a_pseudo_terminal_the_virtual_board_gives_the_bits_of_the_law_in_process() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("hil-boards");
+    let short = |board: &str, out: &str| call(board, out).replace("0.05", "0.01");
+    assert!(run(&folder, &short("in-process", "law")).status.success());
+    let output = run(&folder, &(short("virtual", "virtual") + &format!(" --image {image}")));
+    assert!(output.status.success(), "{}", stderr(&output));
+    let law = folder.read("law/log.csv");
+    assert_eq!(rows(&folder.read("virtual/log.csv")), rows(&law));
+    let mut kinds = vec![("tcp:", "--listen", "127.0.0.1:0")];
+    if cfg!(unix) {
+        kinds.push(("serial:", "--pty", ""));
+    }
+    for (kind, option, value) in kinds {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+        command.current_dir(root()).args(["board", "serve", &image, "--plant", PLANT, "--pace", "lockstep", option]);
+        command.args(Some(value).filter(|value| !value.is_empty())).stdout(Stdio::piped());
+        let mut server = Kept(command.spawn().expect("the command starts"));
+        let mut said = String::new();
+        let mut out = std::io::BufReader::new(server.0.stdout.take().expect("piped"));
+        std::io::BufRead::read_line(&mut out, &mut said).expect("where it serves");
+        let place = said.trim().strip_prefix("serving at ").expect("a place");
+        let output = run(&folder, &(short(&format!("{kind}{place}"), option) + " --patience-ms 60000"));
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert_eq!(rows(&folder.read(&format!("{option}/log.csv"))), rows(&law), "{kind}");
+    }
+}
+
+/// Where the image lies; `None`, and said so, where there is no compiler for the chip.
+fn image() -> Option<String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
+    let output = command.output().expect("cargo xtask firmware starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
+    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
+    if folder.is_none() {
+        println!("not run: no compiler for thumbv7em-none-eabihf is here");
+    }
+    Some(format!("{}/nucleo-g474re", folder?))
+}
+
+#[test]
+fn a_probe_says_what_the_link_does() {
+    let output = hysteron(["hil", "--board", "in-process", "--probe-link", "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let said = json(&stdout(&output));
+    assert_eq!((&said["link"]["round_trips"], &said["link"]["lost"]), (&10_000.into(), &0.into()));
+    assert!(said["link"]["round_trip_us"]["p99_9"].as_f64() >= said["link"]["round_trip_us"]["p50"].as_f64());
+}
+
+/// Answers everything that comes in with `answer`, or hangs up.
+fn impostor(answer: Option<Vec<u8>>) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    std::thread::spawn(move || {
+        let Ok((mut host, _)) = listener.accept() else { return };
+        let mut bytes = [0; 512];
+        while host.read(&mut bytes).is_ok_and(|n| n > 0) {
+            match &answer {
+                Some(answer) if host.write_all(answer).is_ok() => {}
+                _ => return,
+            }
+        }
+    });
+    format!("tcp:{address}")
+}
+
+/// An identity as a board of `firmware` sends it.
+fn identity(firmware: &str) -> Vec<u8> {
+    let identity = wire::Identity {
+        version: wire::VERSION,
+        board: "nucleo-g474re",
+        firmware,
+        converters: wire::Converters::NUCLEO_G474RE,
+        reference_step_m: 1e-9,
+        table_samples: 4096,
+        segments: 16,
+        capture_samples: 0,
+    };
+    let mut bytes = [0; wire::MAX_ENCODED_BYTES];
+    let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
+    bytes[..n].to_vec()
+}
+
+#[test]
+fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
+    let folder = Folder::new("hil-bad");
+    folder.write("plain.txt", "no port");
+    std::fs::create_dir(folder.path("full")).expect("a folder");
+    folder.write("full/keep.txt", "somebody's");
+    let vacant = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
+    let good = call("in-process", "run");
+    let at = |board: &str| call(board, "run");
+    let cases = [
+        (
+            at("serial:/dev/not-there"),
+            2,
+            "serial:/dev/not-there: No such file or directory (os error 2); plug the board in",
+        ),
+        (at("serial:@/plain.txt"), 2, "plain.txt: no serial port; name another port"),
+        (at(&format!("tcp:{vacant}")), 2, "Connection refused (os error 111); start `hysteron board serve` there"),
+        (at("tcp:nowhere.invalid:1"), 2, "tcp:nowhere.invalid:1: "),
+        (at("usb:1"), 2, "in-process, virtual, tcp:HOST:PORT or serial:PATH"),
+        (at("virtual"), 2, "--board virtual needs --image"),
+        (at("virtual") + " --image @/plain.txt", 3, "plain.txt"),
+        (good.clone() + " --image @/plain.txt", 2, "leave it out"),
+        (
+            at(&impostor(Some(identity("0.0.9 abc")))),
+            4,
+            "the board runs firmware 0.0.9 abc, this program is 0.1.0: flash",
+        ),
+        (at(&impostor(Some(vec![7, 7, 0]))) + " --patience-ms 50", 4, "the board does not answer Hello"),
+        (at(&impostor(None)), 4, "look after cable and board"),
+        (good.replace("pi1.toml", "pi1-unlimited.toml"), 2, "must be finite on a board"),
+        (good.replace(PLANT, "@/none.toml"), 3, "none.toml"),
+        (good.replace("step:80um", "step:80V"), 2, "give its amplitudes in um"),
+        (good.replace("step:80um", "step:80um,shaped"), 2, "`,shaped` is not played by a board"),
+        (good.replace("--seconds 0.05", ""), 2, "give --seconds"),
+        (good.replace("0.05", "1e-9"), 2, "change --seconds or --rate"),
+        (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
+        (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),
+        (good.replace("@/run", "@/full"), 2, "full: holds files already"),
+        (good.replace("@/run", "@/plain.txt"), 2, "plain.txt: cannot be written"),
+        (good.replace("--out @/run", ""), 2, "--out"),
+    ];
+    for (call, code, words) in cases {
+        let output = run(&folder, &call);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{call}: {said}");
+        assert!(said.contains(words), "{call}: {said}");
+        assert_eq!(said.lines().filter(|line| line.starts_with("hysteron: ")).count(), 1, "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(!folder.path("run").exists(), "{call}");
+    }
+    assert_eq!(folder.read("full/keep.txt"), "somebody's");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_port_without_permission_says_who_may() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new("hil-permission");
+    let path = folder.write("port", "");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o000)).expect("ours");
+    if std::fs::File::open(&path).is_ok() {
+        println!("not run: this user may open everything");
+        return;
+    }
+    let output = run(&folder, &call("serial:@/port", "run"));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("dialout"), "{}", stderr(&output));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_ends_the_run_in_one_line_and_stops_the_board() {
+    let folder = Folder::new("hil-full");
+    // 64 KB for any file of this process: as a disk that is full, without filling one.
+    let line = call("in-process", "run").replace("0.05", "1");
+    let words: Vec<String> = line.split_whitespace().map(|word| folder.fill_in(word)).collect();
+    let script = format!("trap '' XFSZ; ulimit -f 128; exec \"$0\" {}", words.join(" "));
+    let output = Command::new("bash")
+        .current_dir(root())
+        .args(["-c", &script, env!("CARGO_BIN_EXE_hysteron")])
+        .output()
+        .expect("bash");
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("log.csv: cannot be written") && said.lines().count() == 1, "{said}");
+    // What was handed over before is whole, and read.
+    let log = folder.read("run/log.csv");
+    assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
+    let replay = format!("replay --plant {PLANT} @/run/log.csv --out @/p.csv --initial relaxed --no-page --json");
+    assert!(run(&folder, &replay).status.success());
+    assert_eq!(json(&folder.read("run/link.json"))["is_complete"], false);
+}
