@@ -65,10 +65,12 @@ impl Diagnosis {
         let shrink = format!("{:.1} %", self.gap.predicted_shrink_percent).replace('-', "−");
         let mut facts = vec![("shrink predicted from the fitted rows".to_owned(), shrink)];
         facts.extend(self.closed_loop.as_ref().map(|of| {
-            let errors = [of.nominal_error_um, of.augmented_error_um].map(|error_um| four_digits(error_um, "µm"));
-            let [nominal, augmented] = errors;
-            let what = format!("tracking error, {} on {}", of.controller, of.reference);
-            (what, format!("{nominal} with the nominal plant, {augmented} with the diagnosed one"))
+            let [nominal, augmented] =
+                [of.nominal_error_um, of.augmented_error_um].map(|error_um| four_digits(error_um, "µm"));
+            (
+                format!("{} tracking {}, nominal → diagnosed plant", of.controller, of.reference),
+                format!("{nominal} → {augmented}"),
+            )
         }));
         facts
     }
