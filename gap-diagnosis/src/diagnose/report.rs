@@ -255,46 +255,50 @@ fn degrees(phase_rad: &[f64]) -> Vec<f64> {
     phase_rad.iter().map(|phase| phase.to_degrees()).collect()
 }
 
+/// A view of the responses, gain in m/V and phase in rad, of the measurement, the nominal and the diagnosed plant.
+fn view(title: String, caption: String, responses: [(&[f64], &[f64]); 3]) -> ResponseView {
+    let [measured, nominal, augmented] = responses;
+    ResponseView {
+        title,
+        caption,
+        measured_um_per_v: um_per_v(measured.0),
+        measured_deg: degrees(measured.1),
+        nominal_um_per_v: um_per_v(nominal.0),
+        nominal_deg: degrees(nominal.1),
+        augmented_um_per_v: um_per_v(augmented.0),
+        augmented_deg: degrees(augmented.1),
+        ..ResponseView::default()
+    }
+}
+
 fn by_multisine(log: &LogEvidence) -> Option<ResponseView> {
     let of = |y: &[f64]| {
         best_linear(&log.command_v, y, log.dt_s, log.period_samples).filter(|r| r.frequency_hz.len() >= LEAST_LINES)
     };
-    let (measured, nominal, augmented) = (of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?);
+    let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
+    let caption = format!(
+        "{} periods: what differs between them is noise; what differs between realisations is distortion.",
+        all[0].n_periods
+    );
+    let responses = all.each_ref().map(|of| (&of.gain_m_per_v[..], &of.phase_rad[..]));
     Some(ResponseView {
-        title: format!("Best linear approximation, {}", log.name),
-        caption: format!(
-            "{} periods: what differs between them is noise; what differs between realisations is distortion.",
-            measured.n_periods
-        ),
-        measured_um_per_v: um_per_v(&measured.gain_m_per_v),
-        measured_deg: degrees(&measured.phase_rad),
-        nominal_um_per_v: um_per_v(&nominal.gain_m_per_v),
-        nominal_deg: degrees(&nominal.phase_rad),
-        augmented_um_per_v: um_per_v(&augmented.gain_m_per_v),
-        augmented_deg: degrees(&augmented.phase_rad),
-        noise_um_per_v: um_per_v(&measured.noise_m_per_v),
-        distortion_um_per_v: um_per_v(&measured.distortion_m_per_v),
-        coherence: Vec::new(),
-        frequency_hz: measured.frequency_hz,
+        noise_um_per_v: um_per_v(&all[0].noise_m_per_v),
+        distortion_um_per_v: um_per_v(&all[0].distortion_m_per_v),
+        frequency_hz: all[0].frequency_hz.clone(),
+        ..view(format!("Best linear approximation, {}", log.name), caption, responses)
     })
 }
 
 fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
     let segment = segment_samples(log.measured_m.len());
     let of = |y: &[f64]| frf(&log.command_v, y, log.dt_s, segment);
-    let (measured, nominal, augmented) = (of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?);
+    let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
+    let caption = "By Welch's method; where the coherence is low, the drive holds too little power.".to_owned();
+    let responses = all.each_ref().map(|of| (&of.gain_m_per_v[..], &of.phase_rad[..]));
     Some(ResponseView {
-        title: format!("Frequency response, {}", log.name),
-        caption: "By Welch's method; where the coherence is low, the drive holds too little power.".to_owned(),
-        measured_um_per_v: um_per_v(&measured.gain_m_per_v),
-        measured_deg: degrees(&measured.phase_rad),
-        nominal_um_per_v: um_per_v(&nominal.gain_m_per_v),
-        nominal_deg: degrees(&nominal.phase_rad),
-        augmented_um_per_v: um_per_v(&augmented.gain_m_per_v),
-        augmented_deg: degrees(&augmented.phase_rad),
-        noise_um_per_v: um_per_v(&measured.gain_sigma_m_per_v),
-        distortion_um_per_v: Vec::new(),
-        coherence: measured.coherence,
-        frequency_hz: measured.frequency_hz,
+        noise_um_per_v: um_per_v(&all[0].gain_sigma_m_per_v),
+        coherence: all[0].coherence.clone(),
+        frequency_hz: all[0].frequency_hz.clone(),
+        ..view(format!("Frequency response, {}", log.name), caption, responses)
     })
 }
