@@ -142,6 +142,18 @@ fn over_tcp_and_a_pseudo_terminal_the_virtual_board_gives_the_bits_of_the_law_in
     }
 }
 
+#[test]
+fn a_board_that_goes_away_leaves_what_was_recorded() {
+    let folder = Folder::new("hil-gone");
+    let output = run(&folder, &(call("in-process", "run") + " --link-faults drop=1"));
+    assert_eq!(output.status.code(), Some(4));
+    assert!(stderr(&output).contains("the board is gone: 20 requests in a row"), "{}", stderr(&output));
+    // The first sample was answered; 19 more were lost one by one before the board counted as gone.
+    assert_eq!(rows(&folder.read("run/log.csv")).lines().count(), 1 + 1 + 19);
+    let link = json(&folder.read("run/link.json"));
+    assert_eq!((&link["is_complete"], &link["lost"]), (&false.into(), &20.into()));
+}
+
 /// Where the image lies; `None`, and said so, where there is no compiler for the chip.
 fn image() -> Option<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
@@ -225,7 +237,7 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (
             at(&impostor(Some(identity("0.0.9 abc")))),
             4,
-            "the board runs firmware 0.0.9 abc, this program is 0.1.0: flash",
+            concat!("the board runs firmware 0.0.9 abc, this program is ", env!("CARGO_PKG_VERSION"), ": flash"),
         ),
         (at(&impostor(Some(vec![7, 7, 0]))) + " --patience-ms 50", 4, "the board does not answer Hello"),
         (at(&impostor(None)), 4, "look after cable and board"),

@@ -102,11 +102,12 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     )?;
     let bar = output::bar(samples as u64, "running the board");
     let report_every = (samples / 200).max(1);
-    session.link().switch(faults.is_some());
     let ended = run(&mut session, &ready, &setup, |session, row| {
         if row.index % report_every == 0 {
             bar.set_position(row.index as u64);
         }
+        // Not before the loop runs: what starts it is not what such a run is about.
+        session.link().switch(faults.is_some());
         let now = session.link().now();
         directory.row(row, now, session.statistics())
     });
