@@ -58,6 +58,22 @@ fn a_run_directory_holds_what_a_repetition_needs_and_repeats_from_it() {
     assert!((0.012..0.025).contains(&rms_um), "{rms_um}");
 }
 
+#[test]
+fn a_reference_from_a_file_is_kept_with_the_run() {
+    let folder = Folder::new("hil-file");
+    let samples: String = (0..400).map(|k| format!("{}\n", f64::from(k % 200) * 0.1)).collect();
+    let text = format!("reference_um\n{samples}");
+    folder.write("ramp.csv", &text);
+    let played = |path: &str, out: &str| call("in-process", out).replace("step:80um", &format!("file:{path}"));
+    let output = run(&folder, &played("@/ramp.csv", "a"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(folder.read("a/reference-ramp.csv"), text);
+    assert_eq!(json(&folder.read("a/run.json"))["reference_files"][0]["file"], "ramp.csv");
+    std::fs::remove_file(folder.path("ramp.csv")).expect("there");
+    assert!(run(&folder, &played("@/a/reference-ramp.csv", "b")).status.success());
+    assert_eq!(folder.read("b/log.csv"), folder.read("a/log.csv"));
+}
+
 /// A process that does not outlive its test.
 struct Kept(Child);
 
