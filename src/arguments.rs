@@ -110,7 +110,7 @@ impl Command {
 }
 
 /// Files that SPECs name.
-fn spec_files<'a>(specs: impl Iterator<Item = &'a Spec>) -> impl Iterator<Item = &'a PathBuf> {
+pub fn spec_files<'a>(specs: impl Iterator<Item = &'a Spec>) -> impl Iterator<Item = &'a PathBuf> {
     specs.flat_map(|spec| &spec.parts).filter_map(|part| match &part.shape {
         Shape::File { path } => Some(path),
         _ => None,

@@ -58,6 +58,22 @@ fn a_run_directory_holds_what_a_repetition_needs_and_repeats_from_it() {
     assert!((0.012..0.025).contains(&rms_um), "{rms_um}");
 }
 
+#[test]
+fn a_reference_from_a_file_is_kept_with_the_run() {
+    let folder = Folder::new("hil-file");
+    let samples: String = (0..400).map(|k| format!("{}\n", f64::from(k % 200) * 0.1)).collect();
+    let text = format!("reference_um\n{samples}");
+    folder.write("ramp.csv", &text);
+    let played = |path: &str, out: &str| call("in-process", out).replace("step:80um", &format!("file:{path}"));
+    let output = run(&folder, &played("@/ramp.csv", "a"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(folder.read("a/reference-ramp.csv"), text);
+    assert_eq!(json(&folder.read("a/run.json"))["reference_files"][0]["file"], "ramp.csv");
+    std::fs::remove_file(folder.path("ramp.csv")).expect("there");
+    assert!(run(&folder, &played("@/a/reference-ramp.csv", "b")).status.success());
+    assert_eq!(folder.read("b/log.csv"), folder.read("a/log.csv"));
+}
+
 /// A process that does not outlive its test.
 struct Kept(Child);
 
@@ -140,6 +156,18 @@ fn over_tcp_and_a_pseudo_terminal_the_virtual_board_gives_the_bits_of_the_law_in
         assert!(output.status.success(), "{}", stderr(&output));
         assert_eq!(rows(&folder.read(&format!("{option}/log.csv"))), rows(&law), "{kind}");
     }
+}
+
+#[test]
+fn a_board_that_goes_away_leaves_what_was_recorded() {
+    let folder = Folder::new("hil-gone");
+    let output = run(&folder, &(call("in-process", "run") + " --link-faults drop=1"));
+    assert_eq!(output.status.code(), Some(4));
+    assert!(stderr(&output).contains("the board is gone: 20 requests in a row"), "{}", stderr(&output));
+    // The first sample was answered; 19 more were lost one by one before the board counted as gone.
+    assert_eq!(rows(&folder.read("run/log.csv")).lines().count(), 1 + 1 + 19);
+    let link = json(&folder.read("run/link.json"));
+    assert_eq!((&link["is_complete"], &link["lost"]), (&false.into(), &20.into()));
 }
 
 /// Where the image lies; `None`, and said so, where there is no compiler for the chip.
@@ -225,7 +253,7 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (
             at(&impostor(Some(identity("0.0.9 abc")))),
             4,
-            "the board runs firmware 0.0.9 abc, this program is 0.1.0: flash",
+            concat!("the board runs firmware 0.0.9 abc, this program is ", env!("CARGO_PKG_VERSION"), ": flash"),
         ),
         (at(&impostor(Some(vec![7, 7, 0]))) + " --patience-ms 50", 4, "the board does not answer Hello"),
         (at(&impostor(None)), 4, "look after cable and board"),

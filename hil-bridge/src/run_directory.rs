@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | `run.json` | board, firmware, rate, seeds, reference, hashes: what a repetition needs | before the first sample |
 //! | `plant.toml`, `controller.toml` | the files as they were, byte for byte | before the first sample |
+//! | `reference-NAME` | the files that the reference's SPEC plays, likewise | before the first sample |
 //! | `log.csv` | the samples, as the converters had them | row by row; handed over every 256 rows or half a second |
 //! | `link.json` | the link's statistics and the samples it lost | every second, and at the end with the outcome |
 
@@ -49,6 +50,8 @@ pub struct Facts<'a> {
     pub controller: (&'a str, &'a [u8]),
     /// The reference's SPEC.
     pub reference: &'a str,
+    /// Names and contents of the files that the SPEC plays.
+    pub reference_files: &'a [(String, Vec<u8>)],
     /// Samples per second.
     pub rate_hz: f64,
     /// Samples to record.
@@ -83,6 +86,9 @@ impl RunDirectory {
         let Facts { ready, rate_hz, .. } = *facts;
         write(&path.join("plant.toml"), facts.plant.1)?;
         write(&path.join("controller.toml"), facts.controller.1)?;
+        for (name, content) in facts.reference_files {
+            write(&path.join(format!("reference-{name}")), content)?;
+        }
         write(&path.join("run.json"), format!("{:#}\n", json(facts)).as_bytes())?;
         let calibration = &ready.checked.calibration;
         let mut meta = Meta {
@@ -203,6 +209,7 @@ fn json(facts: &Facts<'_>) -> Value {
         "plant": file(facts.plant),
         "controller": file(facts.controller),
         "reference": facts.reference,
+        "reference_files": facts.reference_files.iter().map(|(name, content)| file((name, content))).collect::<Vec<_>>(),
         "rate_hz": facts.rate_hz,
         "samples": facts.samples,
         "latency_us": facts.ready.latency_s * 1e6,

@@ -1,6 +1,6 @@
 //! `hysteron hil`: the control code on a board against the simulated plant: a run directory, and what the link did.
 
-use crate::arguments::HilCall;
+use crate::arguments::{HilCall, spec_files};
 use crate::commands::{board, board_serve};
 use crate::failure::Failure;
 use crate::output;
@@ -65,9 +65,11 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         .map(str::parse)
         .transpose()
         .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
-    let contents = [plant, controller].map(|path| std::fs::read(path).map_err(|error| unreadable(path, &error)));
-    let [plant_bytes, controller_bytes] = contents;
-    let (plant_bytes, controller_bytes) = (plant_bytes?, controller_bytes?);
+    let (plant_bytes, controller_bytes) = (content(plant)?, content(controller)?);
+    let mut reference_files = Vec::new();
+    for path in spec_files(std::iter::once(&spec)) {
+        reference_files.push((output::file_name(path), content(path)?));
+    }
     check_place(out)?;
 
     let link = Faulty::new(open(call, Some(&model))?, faults.unwrap_or_default(), call.seed);
@@ -94,6 +96,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
             plant: (&output::file_name(plant), &plant_bytes),
             controller: (&output::file_name(controller), &controller_bytes),
             reference,
+            reference_files: &reference_files,
             rate_hz: call.rate,
             samples,
             seed: call.seed,
@@ -102,11 +105,12 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     )?;
     let bar = output::bar(samples as u64, "running the board");
     let report_every = (samples / 200).max(1);
-    session.link().switch(faults.is_some());
     let ended = run(&mut session, &ready, &setup, |session, row| {
         if row.index % report_every == 0 {
             bar.set_position(row.index as u64);
         }
+        // Not before the loop runs: what starts it is not what such a run is about.
+        session.link().switch(faults.is_some());
         let now = session.link().now();
         directory.row(row, now, session.statistics())
     });
@@ -185,8 +189,9 @@ fn serial(_: &Path, _: u32) -> Result<Box<dyn Link>, Failure> {
     Err(Failure::call("--board serial: not on this system; use tcp"))
 }
 
-fn unreadable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::file(format!("{}: cannot be read: {error}; check the name", path.display()))
+fn content(path: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(path)
+        .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))
 }
 
 fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Outcome, usize, &Path)>) {
