@@ -170,3 +170,29 @@ fn free_one(
     let sigma = factor.inverse()[(n, n)].sqrt();
     Some((m, sigma, cost(&d, m), cost(&without, 0.0)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plant_sim::model::Model;
+    use std::path::Path;
+
+    /// A mass that is off by its sigma shifts all numbers along the payload's direction; that costs what one number's sigma costs at the
+    /// most, however many numbers it shifts. Any other shift of one number costs its own sigma.
+    #[test]
+    fn a_mass_within_its_sigma_is_no_payload() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let bench = Bench::new(&model, Vec::new());
+        let prior = prior(&bench).expect("a prior");
+        let (_, _, payload) = directions(&bench).into_iter().find(|(id, ..)| *id == "payload_mass").expect("payload");
+        let shift = &payload * bench.mass_sigma;
+        let cost = shift.dot(&(&prior * &shift));
+        let apart: f64 = bench.free.iter().zip(shift.iter()).map(|(free, z)| (z / free.prior_sigma).powi(2)).sum();
+        assert!((cost - apart / (1.0 + apart)).abs() < 1e-9, "{cost} against {apart}");
+        let mut one = DVector::zeros(bench.free.len());
+        let dead_zone = bench.free.iter().position(|free| matches!(free.quantity, Quantity::DeadZone(_))).expect("one");
+        one[dead_zone] = bench.free[dead_zone].prior_sigma;
+        assert!((one.dot(&(&prior * &one)) - 1.0).abs() < 1e-9);
+    }
+}
