@@ -85,14 +85,10 @@ impl Command {
     pub fn inputs(&self) -> Vec<&Path> {
         match self {
             Command::Simulate(call) => {
-                let specs = call.reference.iter().chain(&call.command);
-                let files = spec_files(specs);
-                [&call.plant].into_iter().chain(&call.controller).chain(files).map(PathBuf::as_path).collect()
+                [&call.plant].into_iter().chain(call.drive.inputs()).map(PathBuf::as_path).collect()
             }
             Command::Board(BoardCommand::Run(call)) => {
-                let files = spec_files(call.reference.iter().chain(&call.command));
-                let own = [&call.image, &call.plant].into_iter().chain(&call.controller);
-                own.chain(files).map(PathBuf::as_path).collect()
+                [&call.image, &call.plant].into_iter().chain(call.drive.inputs()).map(PathBuf::as_path).collect()
             }
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
             Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
@@ -106,6 +102,32 @@ impl Command {
             }
             Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) | Command::Hil(_) => Vec::new(),
         }
+    }
+}
+
+/// What a plant or a board is driven with.
+#[derive(Args)]
+pub struct Drive {
+    /// Controller, a controller file; with --reference
+    #[arg(long, value_name = "C.toml", requires = "reference")]
+    pub controller: Option<PathBuf>,
+    /// Closed loop: what the displacement shall follow, such as step:80um or sine:80um@50Hz
+    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command")]
+    pub reference: Option<Spec>,
+    /// Open loop: what to drive with, such as sine:60V@10Hz
+    #[arg(long, value_name = "SPEC")]
+    pub command: Option<Spec>,
+}
+
+impl Drive {
+    /// The SPEC, of either loop.
+    pub fn spec(&self) -> Option<&Spec> {
+        self.reference.as_ref().or(self.command.as_ref())
+    }
+
+    /// Files that are read for it.
+    fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        self.controller.iter().chain(spec_files(self.spec().into_iter()))
     }
 }
 
@@ -137,15 +159,8 @@ pub struct SimulateCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
     pub plant: PathBuf,
-    /// Controller, a controller file; with --reference
-    #[arg(long, value_name = "C.toml", requires = "reference")]
-    pub controller: Option<PathBuf>,
-    /// Closed loop: what the displacement shall follow, such as step:80um or sine:100um@50Hz
-    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command")]
-    pub reference: Option<Spec>,
-    /// Open loop: what to drive with, such as sine:60V@10Hz
-    #[arg(long, value_name = "SPEC")]
-    pub command: Option<Spec>,
+    #[command(flatten)]
+    pub drive: Drive,
     /// Samples per second
     #[arg(long, value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub rate: f64,
@@ -393,15 +408,8 @@ pub struct BoardRunCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
     pub plant: PathBuf,
-    /// Controller, a controller file; with --reference
-    #[arg(long, value_name = "C.toml", requires = "reference")]
-    pub controller: Option<PathBuf>,
-    /// Closed loop: what the displacement shall follow, such as step:80um or sine:80um@50Hz
-    #[arg(long, value_name = "SPEC", requires = "controller", conflicts_with = "command")]
-    pub reference: Option<Spec>,
-    /// Open loop: what to drive with, such as sine:60V@10Hz
-    #[arg(long, value_name = "SPEC")]
-    pub command: Option<Spec>,
+    #[command(flatten)]
+    pub drive: Drive,
     /// Samples per second; must divide 170 MHz
     #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
     pub rate: f64,

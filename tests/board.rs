@@ -3,22 +3,7 @@
 mod support;
 
 use std::process::Command;
-use support::{Folder, PI1, PLANT, root, run};
-
-/// Where the image lies; `None`, and said so, where there is no compiler for the chip.
-fn image() -> Option<String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
-    let output = command.output().expect("cargo xtask firmware starts");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
-    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
-    if folder.is_none() {
-        println!("not run: no compiler for thumbv7em-none-eabihf is here");
-    }
-    Some(format!("{}/nucleo-g474re", folder?))
-}
+use support::{Folder, PI1, PLANT, image, root, run};
 
 #[test]
 fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {

@@ -5,7 +5,7 @@ mod support;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, hysteron, root, run, stderr, stdout};
+use support::{Folder, PI1, PLANT, hysteron, image, root, run, stderr, stdout};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
@@ -168,21 +168,6 @@ fn a_board_that_goes_away_leaves_what_was_recorded() {
     assert_eq!(rows(&folder.read("run/log.csv")).lines().count(), 1 + 1 + 19);
     let link = json(&folder.read("run/link.json"));
     assert_eq!((&link["is_complete"], &link["lost"]), (&false.into(), &20.into()));
-}
-
-/// Where the image lies; `None`, and said so, where there is no compiler for the chip.
-fn image() -> Option<String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
-    let output = command.output().expect("cargo xtask firmware starts");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
-    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
-    if folder.is_none() {
-        println!("not run: no compiler for thumbv7em-none-eabihf is here");
-    }
-    Some(format!("{}/nucleo-g474re", folder?))
 }
 
 #[test]

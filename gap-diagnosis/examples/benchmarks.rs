@@ -13,16 +13,13 @@ use gap_diagnosis::page::{Axis, Chart, Ink, Page, Series, four_digits};
 use gap_diagnosis::spectra::{mimo, peak_hz};
 use plant_sim::bouc_wen::BoucWen;
 use plant_sim::chain::{Chain, Force, Sensor};
-use plant_sim::log::{Hold, Log};
+use plant_sim::log::Log;
 use plant_sim::metrics::rms;
 use plant_sim::model::{HysteronSection, Kind, Model};
 use plant_sim::param::Param;
 use plant_sim::replay::{Initial, Start, predict};
+use shared_data::bouc_wen::{FITTED, PERIOD, RATE_HZ, RUN_IN, log, start};
 use std::path::PathBuf;
-
-const PERIOD: usize = 8192;
-const RUN_IN: usize = 768;
-const FITTED: usize = 1792;
 
 fn main() {
     let out = std::env::args().nth(1).map_or_else(|| PathBuf::from("benchmarks.html"), PathBuf::from);
@@ -32,33 +29,6 @@ fn main() {
     mirror(&mut page);
     page.save(&out).expect("a place to write");
     println!("page: {}", out.display());
-}
-
-fn log(name: &str, force_n: &[f64], displacement_m: &[f64]) -> Log {
-    let mut log = Log {
-        name: name.into(),
-        dt_s: 1.0 / 750.0,
-        command_v: force_n.to_vec(),
-        displacement_m: displacement_m.to_vec(),
-        ..Log::default()
-    };
-    log.meta.hold = Hold::Bandlimited;
-    log
-}
-
-/// The linear baseline of the data, with a hysteresis of its size.
-fn start(displacement_rms_m: f64) -> Model {
-    let given = |value: f64| Param::new(value, 0.3, "baseline of the benchmark, or of its size");
-    let mut model = Model::empty("Bouc-Wen oscillator");
-    model.kind = Kind::BoucWenOscillator;
-    model.actuator.transduction_c_per_m = Param::new(1.0, 0.0, "the drive is the force, in newton");
-    model.structure.mass_kg = given(2.0);
-    model.structure.damping_n_s_per_m = given(10.0);
-    model.structure.stiffness_n_per_m = given(5e4);
-    model.hysteresis.amplitude_n_per_m = Some(given(4e4));
-    model.hysteresis.beta_per_m = Some(given(1.0 / displacement_rms_m));
-    model.hysteresis.gamma_per_m = Some(given(-0.5 / displacement_rms_m));
-    model
 }
 
 /// Hysterons in place of the law: springs that share its stiffness and open at different parts of the travel.
@@ -94,7 +64,7 @@ fn errors(chain: &Chain, log: &Log) -> Vec<f64> {
 fn oscillator(page: &mut Page) {
     let names =
         ["uest_multisine", "yest_multisine", "uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep"];
-    let Some(data) = names.iter().map(|name| shared_data::bouc_wen(name)).collect::<Option<Vec<_>>>() else {
+    let Some(data) = names.iter().map(|name| shared_data::bouc_wen_record(name)).collect::<Option<Vec<_>>>() else {
         page.warning("not run: the Bouc-Wen benchmark is not here");
         return;
     };
@@ -107,7 +77,7 @@ fn oscillator(page: &mut Page) {
     let options = |from: From| Options {
         from,
         initial: Initial::Relaxed,
-        run_in_s: Some(RUN_IN as f64 / 750.0),
+        run_in_s: Some(RUN_IN as f64 / RATE_HZ),
         starts: 1,
         seed: 1,
     };
@@ -152,7 +122,7 @@ fn oscillator(page: &mut Page) {
     let um = |values: &[f64]| values.iter().map(|v| v.abs().max(1e-12) * 1e6).collect::<Vec<f64>>();
     let inks = [Ink::Model, Ink::Drive, Ink::Error, Ink::Extra, Ink::Other];
     let envelope: Vec<(&str, Vec<f64>)> = kept.iter().map(|(name, _, swept)| (*name, blocks(&um(swept)))).collect();
-    let time_s: Vec<f64> = (0..envelope[0].1.len()).map(|k| k as f64 * BLOCK as f64 / 750.0).collect();
+    let time_s: Vec<f64> = (0..envelope[0].1.len()).map(|k| k as f64 * BLOCK as f64 / RATE_HZ).collect();
     let series: Vec<Series<'_>> =
         envelope.iter().zip(inks).map(|((name, values), ink)| Series { name, ink, values }).collect();
     page.chart(Chart::over_time(

@@ -7,43 +7,11 @@ mod shared_data;
 
 use gap_diagnosis::identify::{From, Options, identify};
 use plant_sim::chain::Sensor;
-use plant_sim::log::{Hold, Log};
+use plant_sim::log::Log;
 use plant_sim::metrics::rms;
-use plant_sim::model::{Kind, Model};
-use plant_sim::param::Param;
+use plant_sim::model::Model;
 use plant_sim::replay::{Initial, Start, predict};
-
-const RATE_HZ: f64 = 750.0;
-const PERIOD: usize = 8192;
-/// Rows that settle, and rows that are fitted.
-const RUN_IN: usize = 768;
-const FITTED: usize = 1792;
-
-fn log(name: &str, force_n: &[f64], displacement_m: &[f64]) -> Log {
-    let mut log = Log {
-        name: name.into(),
-        dt_s: 1.0 / RATE_HZ,
-        command_v: force_n.to_vec(),
-        displacement_m: displacement_m.to_vec(),
-        ..Log::default()
-    };
-    log.meta.hold = Hold::Bandlimited;
-    log
-}
-
-fn start(displacement_rms_m: f64) -> Model {
-    let given = |value: f64| Param::new(value, 0.3, "baseline of the benchmark, or of its size");
-    let mut model = Model::empty("Bouc-Wen oscillator");
-    model.kind = Kind::BoucWenOscillator;
-    model.actuator.transduction_c_per_m = Param::new(1.0, 0.0, "the drive is the force, in newton");
-    model.structure.mass_kg = given(2.0);
-    model.structure.damping_n_s_per_m = given(10.0);
-    model.structure.stiffness_n_per_m = given(5e4);
-    model.hysteresis.amplitude_n_per_m = Some(given(4e4));
-    model.hysteresis.beta_per_m = Some(given(1.0 / displacement_rms_m));
-    model.hysteresis.gamma_per_m = Some(given(-0.5 / displacement_rms_m));
-    model
-}
+use shared_data::bouc_wen::{FITTED, PERIOD, RATE_HZ, RUN_IN, log, start};
 
 /// Rms error over the last `scored` rows.
 fn error(model: &Model, log: &Log, scored: usize) -> f64 {
@@ -58,7 +26,9 @@ fn error(model: &Model, log: &Log, scored: usize) -> f64 {
 fn the_grey_box_knows_the_oscillator() {
     let names =
         ["uest_multisine", "yest_multisine", "uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep"];
-    let Some(data) = names.iter().map(|name| shared_data::bouc_wen(name)).collect::<Option<Vec<_>>>() else { return };
+    let Some(data) = names.iter().map(|name| shared_data::bouc_wen_record(name)).collect::<Option<Vec<_>>>() else {
+        return;
+    };
     // The estimation data are four periods of a steady state with noise: their mean has half of it. A tenth of a period settles from rest.
     let mean = |k: usize| (0..4).map(|p| data[1][p * PERIOD + k]).sum::<f64>() / 4.0;
     let displacement_m: Vec<f64> = (0..RUN_IN + FITTED).map(mean).collect();

@@ -138,13 +138,6 @@ impl TransferFunction {
         roots(&self.numerator)
     }
 
-    /// The transfer function of a single-input, single-output state space with these poles and zeros and this gain as s grows:
-    /// b0 prod(s - z) / prod(s - p).
-    pub fn of_roots(gain: f64, zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Self {
-        let numerator = polynomial(zeros).into_iter().map(|c| gain * c).collect();
-        Self { numerator, denominator: polynomial(poles) }
-    }
-
     /// In controllable canonical form, its states scaled so that they are of one size; `None` if it is not proper or a0 is zero.
     pub fn state_space(&self) -> Option<StateSpace> {
         let n = self.order();

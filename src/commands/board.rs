@@ -30,12 +30,12 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let image = Image::read(&call.image).map_err(|error| Failure::file(error.to_string()))?;
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
-    let spec = call.reference.as_ref().or(call.command.as_ref());
+    let spec = call.drive.spec();
     let Some(spec) = spec else {
         return Err(Failure::call("nothing to drive with: give --controller and --reference, or --command"));
     };
     let mut warnings = model.warnings();
-    let is_closed_loop = call.reference.is_some();
+    let is_closed_loop = call.drive.reference.is_some();
     let program = Program::new(spec, call.rate)?;
     match (is_closed_loop, program.unit()) {
         (true, Some(Unit::Volt)) => {
@@ -62,7 +62,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
     };
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
-    if let Some(path) = &call.controller {
+    if let Some(path) = &call.drive.controller {
         let settings = settings(path, call.rate)?;
         warnings.extend(margins(&settings, call.rate, LATENCY_S, &chain)?);
         parameters = parameters.with_settings(&settings);
@@ -127,7 +127,7 @@ fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<
         latency_s: LATENCY_S,
         adc_lsb_m: Some(f64::from(calibration.displacement_m_per_code()).abs()),
         dac_lsb_v: Some(f64::from(calibration.drive_v_per_code()).abs()),
-        controller: call.controller.as_deref().map(output::file_name),
+        controller: call.drive.controller.as_deref().map(output::file_name),
         firmware: Some(report.firmware.clone()),
         seed: Some(call.seed.to_string()),
         ..Meta::default()

@@ -24,7 +24,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
     let mut warnings = model.warnings();
-    let spec = call.reference.as_ref().or(call.command.as_ref());
+    let spec = call.drive.spec();
     let Some(spec) = spec else {
         return Err(Failure::call("nothing to drive with: give --controller and --reference, or --command"));
     };
@@ -39,7 +39,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let mut controller_name = None;
     let bar = output::bar(samples as u64, "simulating");
     let progress = |done: usize| bar.set_position(done as u64);
-    let recording = match &call.controller {
+    let recording = match &call.drive.controller {
         Some(path) => {
             let controller = Controller::read(path)?;
             let mut settings = controller.settings(call.rate);
@@ -98,7 +98,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
 
 /// References are lengths and commands volts.
 fn check_unit(call: &SimulateCall, program: &Program) -> Result<(), Failure> {
-    match (call.reference.is_some(), program.unit()) {
+    match (call.drive.reference.is_some(), program.unit()) {
         (true, Some(Unit::Volt)) => Err(Failure::call("--reference is a displacement: give its amplitudes in um")),
         (false, Some(Unit::Micrometre)) => Err(Failure::call("--command is a voltage: give its amplitudes in V")),
         _ => Ok(()),
@@ -269,7 +269,7 @@ fn page(
     let micro = |values: &[f64]| values.iter().map(|v| v * 1e6).collect::<Vec<f64>>();
     let time_s: Vec<f64> = (0..recording.command_v.len()).map(|k| k as f64 * recording.dt_s).collect();
     let reference_um = micro(&recording.reference_m);
-    let closed = call.controller.as_ref().map(|path| format!(" with {}", output::file_name(path)));
+    let closed = call.drive.controller.as_ref().map(|path| format!(" with {}", output::file_name(path)));
     simulation_page(&SimulationView {
         title: if closed.is_some() { "Closed-loop simulation" } else { "Open-loop simulation" },
         subtitle: &format!("{}{}, {} Hz", model.name, closed.as_deref().unwrap_or(""), call.rate),

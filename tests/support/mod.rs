@@ -123,3 +123,18 @@ pub fn column(csv: &str, name: &str) -> Vec<f64> {
     let index = header.split(',').position(|column| column == name).unwrap_or_else(|| panic!("{name} in {header}"));
     lines.map(|line| line.split(',').nth(index).and_then(|cell| cell.parse().ok()).expect("a number")).collect()
 }
+
+/// Where the image lies; `None`, and said so, where there is no compiler for the chip.
+pub fn image() -> Option<String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
+    let output = command.output().expect("cargo xtask firmware starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
+    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
+    if folder.is_none() {
+        println!("not run: no compiler for thumbv7em-none-eabihf is here");
+    }
+    Some(format!("{}/nucleo-g474re", folder?))
+}

@@ -7,7 +7,6 @@ use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
-use plant_sim::phs::PhsState;
 use plant_sim::replay::Start;
 use std::f64::consts::TAU;
 
@@ -498,13 +497,6 @@ impl<'a> Bench<'a> {
             start.state.velocity_m_per_s += 0.1 * self.stroke_m * turning_per_s * own[2 + nominal];
         }
         start
-    }
-
-    /// The state that a log's start is, for a report.
-    pub fn state_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> (PhsState, f64) {
-        let chain = self.chain_at(hypothesis, z, index);
-        let start = self.start_at(hypothesis, z, index, &chain);
-        (start.state, start.drive_v)
     }
 }
 

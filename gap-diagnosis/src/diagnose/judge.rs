@@ -148,8 +148,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     say("screening the registry", 0.15);
     let leads = search.screen(&refit, &remainders, &line_hz, without);
     let fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
-    let best_chi = fits.iter().map(|fit| fit.chi).fold(f64::INFINITY, f64::min);
-    let noise = if best_chi < AT_NOISE { best_chi } else { 1.0 };
+    let best = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi));
+    // The noise is known to a few per cent: a fit that comes that near is at it.
+    let noise = best.map(|best| best.chi).filter(|chi| *chi < AT_NOISE).unwrap_or(1.0);
     let mut explanations: Vec<Explanation> =
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
@@ -166,11 +167,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     }
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them.
-    if let Some(best) = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi))
-        && best.left(&refit, noise) < FOUND
-    {
+    if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < FOUND) {
         let freed = freed(bench, &best.hypothesis, &best.found);
-        explanations.extend(by_symmetry(freed, best, best.left(&refit, noise), floor, without, FREED_BESIDES));
+        explanations.extend(by_symmetry(freed, best, left, floor, without, FREED_BESIDES));
     }
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();

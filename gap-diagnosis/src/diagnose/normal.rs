@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Rows that the chains run ahead before their differences are added up; a multiple of every thinning.
 pub(super) const CHUNK: usize = 4096;
 
-/// Sums over the fitted rows of one log, and the squares of its held-out rows.
+/// Sums over the fitted rows of one log.
 #[derive(Clone, Debug)]
 pub struct Sums {
     /// Inner products of the sensitivities, metres squared; shared coordinates first, then the log's own.
@@ -22,10 +22,6 @@ pub struct Sums {
     pub squares_m2: f64,
     /// Fitted rows.
     pub rows: usize,
-    /// Sum of squared residuals of the rows that are held out.
-    pub held_squares_m2: f64,
-    /// Rows held out.
-    pub held_rows: usize,
 }
 
 /// Sums of all logs at one point.
@@ -81,10 +77,10 @@ pub(super) struct Lockstep<'a> {
 /// Some rows of a log: what is predicted, what is left, and the derivatives of the prediction.
 #[derive(Default)]
 pub(super) struct Chunk {
-    /// Sum of squared residuals of the fitted rows and their number, then the same of those held out.
-    pub squares_m2: [f64; 2],
-    /// See `squares_m2`.
-    pub rows: [usize; 2],
+    /// Sum of squared residuals of the fitted rows.
+    pub squares_m2: f64,
+    /// Fitted rows.
+    pub rows: usize,
     /// Prediction at the rows of the sensitivities; see [`predict`].
     pub base: Vec<f64>,
     /// Derivatives of that by each coordinate.
@@ -143,11 +139,11 @@ impl<'a> Lockstep<'a> {
         let mut chunk = Chunk::default();
         let mut sums = vec![0.0; predicted.len() / rows * thin_rows];
         let mut counts = vec![0; sums.len()];
-        for Residual { at, residual_m, is_held_out } in residuals(self.record, &predicted, from, rows) {
-            chunk.squares_m2[usize::from(is_held_out)] += residual_m * residual_m;
-            chunk.rows[usize::from(is_held_out)] += 1;
+        for (at, residual_m) in residuals(self.record, &predicted, from, rows) {
+            chunk.squares_m2 += residual_m * residual_m;
+            chunk.rows += 1;
             let thin_row = at % rows / self.thin;
-            if !is_held_out && thin_row < thin_rows {
+            if thin_row < thin_rows {
                 let place = at / rows * thin_rows + thin_row;
                 sums[place] += residual_m;
                 counts[place] += 1;
@@ -181,28 +177,25 @@ pub(super) fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize)
     predicted
 }
 
-/// A place of what was predicted, and its residual.
-struct Residual {
-    at: usize,
-    residual_m: f64,
-    is_held_out: bool,
-}
-
-/// Residuals of the rows after `from`, run-ins left out.
+/// Places of what was predicted and their residuals, for the rows after `from` that are fitted: neither run-in nor held out.
 fn residuals<'a>(
     record: &'a Record<'_>,
     predicted: &'a [f64],
     from: usize,
     rows: usize,
-) -> impl Iterator<Item = Residual> + 'a {
-    (0..predicted.len()).filter(move |at| from + at % rows >= record.run_in).map(move |at| {
+) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let is_fitted = move |at: &usize| {
+        let row = from + at % rows;
+        row >= record.run_in && !record.holds_out(row)
+    };
+    (0..predicted.len()).filter(is_fitted).map(move |at| {
         let row = from + at % rows;
         let monitor = record.log.drive_v.as_ref().zip(record.monitor_m_per_v()).filter(|_| at >= rows);
         let residual_m = match monitor {
             Some((drive_v, m_per_v)) => m_per_v * drive_v[row] - predicted[at],
             None => record.off_lattice_m(record.log.displacement_m[row] - predicted[at]),
         };
-        Residual { at, residual_m, is_held_out: record.holds_out(row) }
+        (at, residual_m)
     })
 }
 
@@ -218,21 +211,13 @@ pub fn evaluate(
         let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
-        let mut sums = Sums {
-            products: DMatrix::zeros(count, count),
-            gradient: DVector::zeros(count),
-            squares_m2: 0.0,
-            rows: 0,
-            held_squares_m2: 0.0,
-            held_rows: 0,
-        };
+        let mut sums =
+            Sums { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 };
         let n = bench.records[index].log.len();
         for from in (0..n).step_by(CHUNK) {
             let chunk = lockstep.next(from, CHUNK.min(n - from));
-            sums.squares_m2 += chunk.squares_m2[0];
-            sums.rows += chunk.rows[0];
-            sums.held_squares_m2 += chunk.squares_m2[1];
-            sums.held_rows += chunk.rows[1];
+            sums.squares_m2 += chunk.squares_m2;
+            sums.rows += chunk.rows;
             if count > 0 && !chunk.places.is_empty() {
                 let matrix = chunk.matrix();
                 sums.products.gemm_tr(lockstep.thin as f64, &matrix, &matrix, 1.0);

@@ -1,6 +1,8 @@
 //! Other people's benchmark data, where they lie beside the project; `None` and a word where they don't.
 #![allow(dead_code, reason = "each program uses a part of this module")]
 
+pub mod bouc_wen;
+
 use std::path::PathBuf;
 
 fn path(name: &str) -> Option<PathBuf> {
@@ -13,7 +15,7 @@ fn path(name: &str) -> Option<PathBuf> {
 }
 
 /// The only numeric variable of a MAT file of the Bouc-Wen benchmark.
-pub fn bouc_wen(name: &str) -> Option<Vec<f64>> {
+pub fn bouc_wen_record(name: &str) -> Option<Vec<f64>> {
     let path = path(&format!("boucwen-benchmark/{name}.mat"))?;
     let file = matrw::load_matfile(path.to_str()?).expect("a MAT file of the benchmark");
     let variable = if name.starts_with("uest") {
