@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("lag, first order", drive(Drive { lag: first, ..Drive::IDEAL })),
         ("lag, first order, fractional delay", drive(Drive { lag: first, delay_s: 2e-5, ..Drive::IDEAL })),
         ("lag, second order", drive(Drive { lag: second, ..Drive::IDEAL })),
-        ("slew", drive(Drive { slew_v_per_s: 1e5, ..Drive::IDEAL })),
+        ("slew", drive(Drive { slew_v_per_s: 1e5, slew_down_v_per_s: 1e5, ..Drive::IDEAL })),
         ("warming", drive(Drive { warming, ..Drive::IDEAL })),
         ("sensor lag", Chain { sensor: Sensor { lag: first, ..Sensor::IDEAL }, ..nominal.clone() }),
         ("attached mode", mode(Joint::Attached { mass_kg: 5e-5 })),

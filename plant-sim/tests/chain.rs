@@ -1,7 +1,9 @@
 //! The chain's parts, one by one: what stands in the drive and in the sensor, and what a command's hold and delay do, against an
 //! integration by Runge-Kutta that knows nothing of samples.
 
-use plant_sim::chain::{Arrivals, Chain, Drive, Held, Parts, Sensor, SensorState, Simulator};
+use plant_sim::chain::{
+    Arrivals, Chain, Cycle, Drive, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Warming,
+};
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
 use plant_sim::phs::{Hysteron, Phs, PhsState};
@@ -301,5 +303,72 @@ fn the_declared_share_of_commands_is_lost_and_the_one_before_stays() {
         assert_eq!(simulator.reading_m(), lossy.displacement_m[k], "row {k}");
         held_v = if is_lost { held_v } else { lossy.command_v[k] };
         simulator.advance(Held::zero_order(held_v), 0.0);
+    }
+}
+
+#[test]
+fn a_gap_and_a_cycle_bend_the_reading() {
+    let gap = Sensor { gap: Some(Gap { at_m: 2e-6, width_m: 1e-6 }), ..Sensor::IDEAL };
+    // Below the gap half its width is missing on one side, above on the other; within, the reading stands still.
+    for (seen_m, reads_m) in [(1e-6, 1.5e-6), (1.6e-6, 2e-6), (2.3e-6, 2e-6), (4e-6, 3.5e-6)] {
+        assert!((gap.predictable_m(seen_m, 0.0) - reads_m).abs() < 1e-18, "{seen_m:e}");
+    }
+    let cyclic = Sensor { cycles: vec![Cycle { period_m: 4e-6, cos_m: 1e-8, sin_m: 2e-8 }], ..Sensor::IDEAL };
+    for (seen_m, more_m) in [(0.0, 1e-8), (1e-6, 2e-8), (2e-6, -1e-8), (5e-6, 2e-8)] {
+        assert!((cyclic.predictable_m(seen_m, 0.0) - seen_m - more_m).abs() < 1e-16, "{seen_m:e}");
+    }
+}
+
+/// How far the sensor's side is behind the structure at each sample of a ramp, a step back and a rest.
+fn behind_m(play_m: f64, drag_s: f64) -> Vec<f64> {
+    let with = |sensor| {
+        let chain = Chain { sensor, ..chain() };
+        let command_v = (0..1500).map(|k| if k < 400 { 0.1 * f64::from(k) } else { 35.0 }).collect();
+        predict(&chain, &log(command_v, Hold::Zoh, 0.0), &Start::relaxed(&chain), 1500)
+    };
+    let with_play = with(Sensor { play_m, drag_s, ..Sensor::IDEAL });
+    with(Sensor::IDEAL).iter().zip(with_play).map(|(ideal, read)| ideal - read).collect()
+}
+
+#[test]
+fn a_play_keeps_its_distance_and_drag_uses_it_up() {
+    let free = behind_m(1e-6, f64::INFINITY);
+    // On the ramp half the play behind; on the way back, some 7 um, half the play ahead.
+    let ahead_m = free.iter().copied().fold(0.0, f64::min);
+    assert!((free[399] - 0.5e-6).abs() < 1e-12 && (ahead_m + 0.5e-6).abs() < 1e-12, "{:e} {ahead_m:e}", free[399]);
+    let dragged = behind_m(1e-6, 5e-3);
+    assert!((dragged[399] - 0.5e-6).abs() < 1e-12, "{:e}", dragged[399]);
+    // Once the structure rests, 10 ms are two time constants; without drag nothing happens then.
+    let share = |behind: &[f64]| behind[1400] / behind[1300];
+    assert!((share(&dragged) / (-2f64).exp() - 1.0).abs() < 1e-3, "{:e}", share(&dragged));
+    assert!((share(&free) - 1.0).abs() < 1e-6, "{:e}", share(&free));
+}
+
+#[test]
+fn dielectric_loss_is_a_matter_of_volts_and_not_of_samples() {
+    // The same strokes in steps or in ramps, at two rates: the integral of |v| |dv| is 60^2 + 20^2 V^2.
+    let reference = 1e6;
+    let warmth = |sample_s: f64, ramp_s: f64| {
+        let warming = Warming { coefficient: 0.5, time_constant_s: 1e3, heat: Heat::Loss { volts2_per_s: reference } };
+        let mut chain = Chain { drive: Drive { warming: Some(warming), ..Drive::IDEAL }, ..chain() };
+        chain.plant.hysterons.clear();
+        let mut simulator = Simulator::new(&chain, sample_s, 0.0);
+        let steps = (0.1 / sample_s).round() as usize;
+        let volts = |k: usize| {
+            let t = (k + 1) as f64 * sample_s;
+            let stroke = |from_s: f64| -> f64 { ((t - from_s) / ramp_s).clamp(0.0, 1.0) };
+            60.0 * stroke(0.01) - 80.0 * stroke(0.04) + 20.0 * stroke(0.07)
+        };
+        (0..steps).for_each(|k| simulator.advance(Held::zero_order(volts(k)), 0.0));
+        // What is left is the gain, without hysterons q = alpha v (1 + a theta) / k; the step to 10 V warms as well.
+        (0..20_000).for_each(|_| simulator.advance(Held::zero_order(10.0), 0.0));
+        let force_n = simulator.snapshot().plant.displacement_m * chain.plant.stiffness_n_per_m;
+        force_n / (chain.plant.transduction_c_per_m * 10.0) - 1.0
+    };
+    let loss_v2 = 60.0 * 60.0 + 20.0 * 20.0 + 0.5 * 10.0 * 10.0;
+    for (sample_s, ramp_s) in [(1e-5, 1e-9), (1e-4, 1e-9), (1e-4, 0.02)] {
+        let cooled = f64::exp(-2e4 * sample_s / 1e3);
+        let share = warmth(sample_s, ramp_s) / (0.5 * loss_v2 / (reference * 1e3) * cooled);
+        assert!((share - 1.0).abs() < 1e-3, "{sample_s:e} s, {ramp_s:e} s: {share}");
     }
 }

@@ -189,6 +189,7 @@ fn suffix(unit: &str) -> Option<&'static str> {
         "N/m" => "_n_per_m",
         "N/m^2" => "_n_per_m2",
         "N/m^3" => "_n_per_m3",
+        "N/m^5" => "_n_per_m5",
         "1/m" => "_per_m",
         "1/m^2" => "_per_m2",
         "1/V" => "_per_v",
@@ -266,7 +267,7 @@ fn lags_in_a_row_are_one_lag_with_the_same_delay() {
     };
     let mut chain = thesis().chain();
     (form("amplifier_bandwidth", "first-order").install)(&mut chain, &[2e-4]);
-    (form("amplifier_slew", "current-limit").install)(&mut chain, &[1e5, 3e-4]);
+    (form("amplifier_bandwidth", "first-order").install)(&mut chain, &[3e-4]);
     let Some(Lag::Second { natural_rad_per_s: w, damping_ratio: z }) = chain.drive.lag else {
         panic!("{:?}", chain.drive.lag)
     };

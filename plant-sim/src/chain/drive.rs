@@ -24,6 +24,8 @@ pub struct Drive {
     pub curvature_per_v: f64,
     /// Fastest rise of the output in V/s; infinite for none.
     pub slew_v_per_s: f64,
+    /// Fastest fall of the output in V/s; infinite for none.
+    pub slew_down_v_per_s: f64,
     /// Bandwidth of the output.
     pub lag: Option<Lag>,
     /// A gain that changes as the actuator warms.
@@ -54,10 +56,10 @@ pub enum Heat {
         /// Reference in volts.
         volts: f64,
     },
-    /// Square of the drive's rate over the square of this many volts per second: dielectric loss.
-    Rate {
-        /// Reference in V/s.
-        volts_per_s: f64,
+    /// |v v'| over this many volts squared per second: dielectric loss, a fixed share of what flows in and out of the ceramic.
+    Loss {
+        /// Reference in V^2/s.
+        volts2_per_s: f64,
     },
 }
 
@@ -89,6 +91,7 @@ impl Drive {
         gain: 1.0,
         curvature_per_v: 0.0,
         slew_v_per_s: f64::INFINITY,
+        slew_down_v_per_s: f64::INFINITY,
         lag: None,
         warming: None,
         lost_share: 0.0,
@@ -113,6 +116,6 @@ impl Drive {
 
     /// Whether the output changes between two commands, other than by a delay.
     pub(super) fn has_memory(&self) -> bool {
-        self.lag.is_some() || self.slew_v_per_s.is_finite()
+        self.lag.is_some() || self.slew_v_per_s.min(self.slew_down_v_per_s).is_finite()
     }
 }

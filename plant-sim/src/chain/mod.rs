@@ -22,7 +22,7 @@ mod waveform;
 pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
-pub use sensor::{Drift, Line, Sensor, SensorState};
+pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState};
 pub use transducer::DriveHysteresis;
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
@@ -452,12 +452,18 @@ impl HeatState {
 
     /// A sample passed that ended with `drive_v` on the actuator.
     fn pass(&mut self, drive_v: f64, sample_s: f64) {
-        self.heating = match self.warming.heat {
+        let heating = match self.warming.heat {
             Heat::Time => 1.0,
             Heat::Drive { volts } => (drive_v / volts).powi(2),
-            Heat::Rate { volts_per_s } => ((drive_v - self.last_v) / (sample_s * volts_per_s)).powi(2),
+            Heat::Loss { volts2_per_s } => {
+                // The integral of |v| |dv| over the sample, whatever its course: a step leaves as much heat as a ramp.
+                let half_square = |v: f64| 0.5 * v * v.abs();
+                (half_square(drive_v) - half_square(self.last_v)).abs() / (sample_s * volts2_per_s)
+            }
         };
         self.last_v = drive_v;
-        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (self.heating - self.theta);
+        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (heating - self.theta);
+        // A step's loss is over with its sample.
+        self.heating = if matches!(self.warming.heat, Heat::Loss { .. }) { self.theta } else { heating };
     }
 }

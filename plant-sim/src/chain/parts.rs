@@ -69,6 +69,11 @@ pub enum Force {
         /// k3 in N/m^3.
         cubic_n_per_m3: f64,
     },
+    /// k5 q^5: an elastic force, energy k5 q^6/6.
+    Fifth {
+        /// k5 in N/m^5.
+        fifth_n_per_m5: f64,
+    },
     /// A spring of its own for positive displacement, energy k q^2/2 there.
     OneSided {
         /// Additional stiffness in N/m.

@@ -33,6 +33,7 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
             q.powi(3) * (quadratic_n_per_m2 / 3.0 + cubic_n_per_m3 / 4.0 * q)
         }
+        Force::Fifth { fifth_n_per_m5 } => fifth_n_per_m5 / 6.0 * q.powi(6),
         Force::OneSided { stiffness_n_per_m } => 0.5 * stiffness_n_per_m * q.max(0.0).powi(2),
         Force::Stop { at_m, stiffness_n_per_m } => {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
@@ -69,7 +70,11 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Power { force_n, reference_m_per_s, exponent } => {
             force_n * (w.abs() / reference_m_per_s).powf(exponent) * w.abs()
         }
-        Force::Spring { .. } | Force::OneSided { .. } | Force::Stop { .. } | Force::Line { .. } => 0.0,
+        Force::Spring { .. }
+        | Force::Fifth { .. }
+        | Force::OneSided { .. }
+        | Force::Stop { .. }
+        | Force::Line { .. } => 0.0,
     };
     let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(friction).sum();
     let modes: f64 =

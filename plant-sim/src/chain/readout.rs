@@ -59,8 +59,11 @@ impl Readout {
             self.follow(displacement_m, velocity_m_per_s)
         };
         let half_m = 0.5 * self.sensor.play_m;
-        let now_m = self.behind_m.clamp(displacement_m - half_m, displacement_m + half_m);
-        let now_m_per_s = if now_m == self.behind_m && half_m > 0.0 { 0.0 } else { velocity_m_per_s };
+        // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
+        let crept_m = self.dragged_m(displacement_m);
+        let now_m = crept_m.clamp(displacement_m - half_m, displacement_m + half_m);
+        let now_m_per_s =
+            if now_m == crept_m && half_m > 0.0 { (crept_m - self.behind_m) / self.sample_s } else { velocity_m_per_s };
         if self.sensor.lag.is_some() {
             let cubic = hermite([self.behind_m, self.behind_m_per_s], [now_m, now_m_per_s], self.sample_s);
             self.lag.pass(self.sensor.lag, cubic, self.sample_s);
@@ -93,6 +96,13 @@ impl Readout {
         let crept: f64 = self.creep.iter().zip(&self.relaxed_m).map(|(c, relaxed_m)| c.share * relaxed_m).sum();
         let swung: f64 = self.arms.iter().map(|(arm, follower)| arm.share * (follower.value() - q)).sum();
         q + crept + swung
+    }
+
+    fn dragged_m(&self, displacement_m: f64) -> f64 {
+        if self.sensor.drag_s == f64::INFINITY {
+            return self.behind_m;
+        }
+        self.behind_m - (-self.sample_s / self.sensor.drag_s).exp_m1() * (displacement_m - self.behind_m)
     }
 
     /// The reading at this sample.

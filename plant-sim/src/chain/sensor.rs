@@ -5,12 +5,16 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// The sensor. In the order of the signal: play, lag, gain and curvature, offset, drift, lines; then jitter, noise, quantisation and
+/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, cycles, drift, lines; then jitter, noise, quantisation and
 /// repeated samples, which no simulation can predict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Full width of lost motion between structure and sensor, in metres.
     pub play_m: f64,
+    /// Time constant with which the sensor's side creeps to the middle of the play, in seconds; infinite for a play without drag.
+    pub drag_s: f64,
+    /// Lost motion at one place: the reading stands still while the structure crosses it.
+    pub gap: Option<Gap>,
     /// Bandwidth.
     pub lag: Option<Lag>,
     /// Gain relative to the nominal sensor.
@@ -21,8 +25,10 @@ pub struct Sensor {
     pub cubic_per_m2: f64,
     /// Reading at zero displacement, in metres.
     pub offset_m: f64,
-    /// Drift of the zero.
-    pub drift: Option<Drift>,
+    /// Errors that repeat with the displacement.
+    pub cycles: Vec<Cycle>,
+    /// Drifts of the zero; their sum.
+    pub drifts: Vec<Drift>,
     /// Lines that reach the reading and not the structure.
     pub lines: Vec<Line>,
     /// White noise, rms in metres.
@@ -51,6 +57,26 @@ pub struct Drift {
     pub time_constant_s: f64,
 }
 
+/// A joint with a gap: within `width_m` around `at_m` the structure moves and the sensor's side does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gap {
+    /// Middle of the gap, in metres of the structure's displacement.
+    pub at_m: f64,
+    /// Full width in metres, >= 0.
+    pub width_m: f64,
+}
+
+/// cos_m cos(2 pi y / period) + sin_m sin(2 pi y / period): the error of an encoder or an interferometer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cycle {
+    /// Period in metres, > 0.
+    pub period_m: f64,
+    /// Cosine amplitude in metres.
+    pub cos_m: f64,
+    /// Sine amplitude in metres.
+    pub sin_m: f64,
+}
+
 /// cos_m cos(w t) + sin_m sin(w t), t from the log's start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -66,12 +92,15 @@ impl Sensor {
     /// A sensor that reads the displacement.
     pub const IDEAL: Sensor = Sensor {
         play_m: 0.0,
+        drag_s: f64::INFINITY,
+        gap: None,
         lag: None,
         gain: 1.0,
         quadratic_per_m: 0.0,
         cubic_per_m2: 0.0,
         offset_m: 0.0,
-        drift: None,
+        cycles: Vec::new(),
+        drifts: Vec::new(),
         lines: Vec::new(),
         noise_m: 0.0,
         slow_noise_m: 0.0,
@@ -84,10 +113,20 @@ impl Sensor {
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
     pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
+        let displacement_m = match self.gap {
+            Some(Gap { at_m, width_m }) => {
+                displacement_m - (displacement_m - at_m).clamp(-0.5 * width_m, 0.5 * width_m)
+            }
+            None => displacement_m,
+        };
         let bent =
             displacement_m * (1.0 + displacement_m * (self.quadratic_per_m + displacement_m * self.cubic_per_m2));
         let mut reading_m = self.gain * bent + self.offset_m;
-        if let Some(Drift { amplitude_m, time_constant_s }) = self.drift {
+        for cycle in &self.cycles {
+            let (sin, cos) = (std::f64::consts::TAU * displacement_m / cycle.period_m).sin_cos();
+            reading_m += cycle.cos_m * cos + cycle.sin_m * sin;
+        }
+        for &Drift { amplitude_m, time_constant_s } in &self.drifts {
             reading_m +=
                 amplitude_m * if time_constant_s.is_finite() { -(-time_s / time_constant_s).exp_m1() } else { time_s };
         }

@@ -93,6 +93,7 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
         .forces
         .iter()
         .map(|force| match *force {
+            Force::Fifth { fifth_n_per_m5 } => 5.0 * fifth_n_per_m5.abs() * stroke_m.powi(4),
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
                 2.0 * quadratic_n_per_m2.abs() * stroke_m + 3.0 * cubic_n_per_m3.abs() * stroke_m * stroke_m
             }
@@ -360,6 +361,7 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, tim
     for (force, &z) in forces.iter().zip(slid) {
         sum_n += match *force {
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => q * q * (quadratic_n_per_m2 + cubic_n_per_m3 * q),
+            Force::Fifth { fifth_n_per_m5 } => fifth_n_per_m5 * q.powi(5),
             // A spring that would pull the mass away must not outdo the plant's own.
             Force::OneSided { stiffness_n_per_m } => stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m) * q.max(0.0),
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),

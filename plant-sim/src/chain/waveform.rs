@@ -101,13 +101,14 @@ impl Waveform {
         let from_v = at(self.age_s);
         self.age_s += duration_s;
         let slope = if self.acting.slope_v_per_s == 0.0 { 0.0 } else { (at(self.age_s) - from_v) / duration_s };
-        let most = self.drive.slew_v_per_s;
-        if most == f64::INFINITY {
+        if self.drive.slew_v_per_s.min(self.drive.slew_down_v_per_s) == f64::INFINITY {
             return sum.add(self.pass(from_v, slope, duration_s), at_s);
         }
         // Ramps towards the line, then follows it if it can.
         let apart = from_v - self.slewed_v;
-        let ramp = most.copysign(apart);
+        let rises = apart > 0.0 || apart == 0.0 && slope > 0.0;
+        let most = if rises { self.drive.slew_v_per_s } else { self.drive.slew_down_v_per_s };
+        let ramp = if rises { most } else { -most };
         let meeting_s = if apart == 0.0 { 0.0 } else { apart / (ramp - slope) };
         let chasing_s = if slope.abs() >= most && apart * slope >= 0.0 || meeting_s < 0.0 {
             duration_s

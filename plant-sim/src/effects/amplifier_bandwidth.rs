@@ -31,7 +31,12 @@ pub(super) fn second(scales: &Scales<'_>) -> Vec<Parameter> {
     let fastest_hz = 1.0 / scales.sample_s;
     let slowest_hz = 50f64.min(0.005 * fastest_hz);
     vec![
-        Parameter::shape("natural_hz", "Hz", [slowest_hz, fastest_hz], spaced(0.01 * fastest_hz, 0.5 * fastest_hz, 5)),
+        Parameter::shape(
+            "natural_hz",
+            "Hz",
+            [slowest_hz, 4.0 * fastest_hz],
+            spaced(0.01 * fastest_hz, 0.5 * fastest_hz, 5),
+        ),
         Parameter::shape("damping_ratio", "", [0.3, 2.0], vec![0.7]),
     ]
 }

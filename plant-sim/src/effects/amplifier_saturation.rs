@@ -52,6 +52,11 @@ const FORMS: &[Form] = &[
     ),
     Form::predictable("both", |scales| vec![level(scales)], |chain, p| narrow(&mut chain.drive.range_v, [-p[0], p[0]])),
     Form::predictable(
+        "each-side",
+        |scales| vec![limit("upper_v", scales, 1.0), limit("lower_v", scales, -1.0)],
+        |chain, p| narrow(&mut chain.drive.range_v, [p[1], p[0]]),
+    ),
+    Form::predictable(
         "soft",
         |scales| {
             let drive_v = scales.drive_v;

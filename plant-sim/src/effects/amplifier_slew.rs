@@ -1,7 +1,7 @@
 //! Amplifier slew: the drive rises no faster than a limit.
 
-use super::parts::add_first;
 use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::Chain;
 
 effect!(AmplifierSlew, "amplifier_slew", Drive);
 
@@ -9,12 +9,12 @@ const ABOUT: About = About {
     title: "amplifier slew limit",
     what: "The drive can't change faster than a limit: of the amplifier itself, or of its current into the actuator's \
            capacitance.",
-    equation: "|v'| <= S; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of \
+    equation: "-S_down <= v' <= S; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of \
                the load",
     source: "PiezoDrive PD200 (about 150 V/us) and piezosystem nv200 (set by the user) manuals; current limit 0.5 A \
              into 20 uF = 25 V/ms: Thorlabs BPC notes",
     typical: "0.02 to 150 V/us",
-    installs: "the drive's largest rate, in one form followed by a first-order lag",
+    installs: "the drive's largest rate, the same in both directions or one for each",
     signature: "steps become ramps of one slope; sines turn into triangles beyond a product of frequency and amplitude",
     rivals: &["amplifier_bandwidth", "amplifier_saturation", "rate_dependent_hysteresis"],
     experiment: "steps of two heights: a slew limit takes a time in proportion to the height, a lag doesn't",
@@ -31,21 +31,20 @@ fn slew(scales: &Scales<'_>) -> Parameter {
     Parameter::shape("slew_v_per_s", "V/s", [0.02 * usual, fastest], starts)
 }
 
+fn limit(chain: &mut Chain, up_v_per_s: f64, down_v_per_s: f64) {
+    let drive = &mut chain.drive;
+    drive.slew_v_per_s = drive.slew_v_per_s.min(up_v_per_s);
+    drive.slew_down_v_per_s = drive.slew_down_v_per_s.min(down_v_per_s);
+}
+
 const FORMS: &[Form] = &[
+    Form::predictable("slew", |scales| vec![slew(scales)], |chain, p| limit(chain, p[0], p[0])),
     Form::predictable(
-        "slew",
-        |scales| vec![slew(scales)],
-        |chain, p| chain.drive.slew_v_per_s = chain.drive.slew_v_per_s.min(p[0]),
-    ),
-    Form::predictable(
-        "current-limit",
+        "slew-up-and-down",
         |scales| {
-            let sample_s = scales.sample_s;
-            vec![slew(scales), Parameter::amplitude("time_constant_s", "s", [0.0, 100.0 * sample_s], 0.5 * sample_s)]
+            let starts = vec![0.6, 1.0, 1.6];
+            vec![slew(scales), Parameter::shape("down_over_up", "", [0.1, 10.0], starts)]
         },
-        |chain, p| {
-            chain.drive.slew_v_per_s = chain.drive.slew_v_per_s.min(p[0]);
-            add_first(&mut chain.drive.lag, p[1]);
-        },
+        |chain, p| limit(chain, p[0], p[0] * p[1]),
     ),
 ];

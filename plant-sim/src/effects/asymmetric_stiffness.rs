@@ -1,7 +1,7 @@
 //! Asymmetric stiffness: a spring that is stiffer in one direction.
 
-use super::{About, Form, Parameter};
-use crate::chain::Force;
+use super::{About, Form, Parameter, Scales};
+use crate::chain::{Chain, Force};
 
 effect!(AsymmetricStiffness, "asymmetric_stiffness", Structure);
 
@@ -20,21 +20,33 @@ const ABOUT: About = About {
     spec: "ladder:60V/6,hold=0.2s+ladder:-60V/6,hold=0.2s",
 };
 
+fn quadratic(scales: &Scales<'_>) -> Parameter {
+    let unit = scales.plant.stiffness_n_per_m / scales.stroke_m;
+    Parameter::signed("quadratic_n_per_m2", "N/m^2", 0.4 * unit, 0.02 * unit)
+}
+
+fn one_sided(scales: &Scales<'_>) -> Parameter {
+    let stiffness_n_per_m = scales.plant.stiffness_n_per_m;
+    Parameter::signed("stiffness_n_per_m", "N/m", 0.5 * stiffness_n_per_m, 0.02 * stiffness_n_per_m)
+}
+
+fn add_quadratic(chain: &mut Chain, quadratic_n_per_m2: f64) {
+    chain.parts.forces.push(Force::Spring { quadratic_n_per_m2, cubic_n_per_m3: 0.0 });
+}
+
+fn add_one_sided(chain: &mut Chain, stiffness_n_per_m: f64) {
+    chain.parts.forces.push(Force::OneSided { stiffness_n_per_m });
+}
+
 const FORMS: &[Form] = &[
+    Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| add_quadratic(chain, p[0])),
+    Form::predictable("one-sided", |scales| vec![one_sided(scales)], |chain, p| add_one_sided(chain, p[0])),
     Form::predictable(
-        "quadratic",
-        |scales| {
-            let unit = scales.plant.stiffness_n_per_m / scales.stroke_m;
-            vec![Parameter::signed("quadratic_n_per_m2", "N/m^2", 0.4 * unit, 0.02 * unit)]
+        "both",
+        |scales| vec![quadratic(scales), one_sided(scales)],
+        |chain, p| {
+            add_quadratic(chain, p[0]);
+            add_one_sided(chain, p[1]);
         },
-        |chain, p| chain.parts.forces.push(Force::Spring { quadratic_n_per_m2: p[0], cubic_n_per_m3: 0.0 }),
-    ),
-    Form::predictable(
-        "one-sided",
-        |scales| {
-            let stiffness_n_per_m = scales.plant.stiffness_n_per_m;
-            vec![Parameter::signed("stiffness_n_per_m", "N/m", 0.5 * stiffness_n_per_m, 0.02 * stiffness_n_per_m)]
-        },
-        |chain, p| chain.parts.forces.push(Force::OneSided { stiffness_n_per_m: p[0] }),
     ),
 ];

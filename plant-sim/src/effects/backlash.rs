@@ -1,15 +1,18 @@
 //! Backlash: lost motion between the structure and what the sensor sees.
 
-use super::{About, Form, Parameter};
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::Gap;
 
 effect!(Backlash, "backlash", Structure);
 
 const ABOUT: About = About {
     title: "backlash",
     what: "A joint has play: after each reversal the sensor's side stays until the play is used up.",
-    equation: "play operator: y follows q within +-g/2; q: displacement of the structure, y: displacement that the \
-               sensor sees, g: full width of the play",
-    source: "play operator: famura/blm (backlash model); port-Hamiltonian view: arXiv 2603.25211; size assumed",
+    equation: "play operator: y follows q within +-g/2; with drag: within the play tau y' = q - y besides; gap: y = q \
+               - clamp(q - q0, -g/2, g/2); q: displacement of the structure, y: displacement that the sensor sees, g: \
+               full width of the play, q0: where the gap lies",
+    source: "play, gap and joint with drag: Nordin and Gutman (2002), Automatica 38, 1633; port-Hamiltonian view: arXiv \
+             2603.25211; size assumed",
     typical: "0.01 to 1 um",
     installs: "a play between structure and sensor",
     signature: "flat spots of constant width after each reversal, at every amplitude and rate; the structure's \
@@ -20,8 +23,32 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@1Hz+minor-loops:6V@1Hz",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "play",
-    |scales| vec![Parameter::amplitude("play_m", "m", [0.0, scales.stroke_m / 3.0], scales.stroke_m / 200.0)],
-    |chain, p| chain.sensor.play_m += p[0],
-)];
+fn width(name: &'static str, scales: &Scales<'_>) -> Parameter {
+    Parameter::amplitude(name, "m", [0.0, scales.stroke_m / 3.0], scales.stroke_m / 200.0)
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("play", |scales| vec![width("play_m", scales)], |chain, p| chain.sensor.play_m += p[0]),
+    Form::predictable(
+        "play-with-drag",
+        |scales| {
+            let sample_s = scales.sample_s;
+            let starts = spaced(3.0 * sample_s, 300.0 * sample_s, 3);
+            vec![width("play_m", scales), Parameter::shape("drag_s", "s", [sample_s, 1e4 * sample_s], starts)]
+        },
+        |chain, p| {
+            chain.sensor.play_m += p[0];
+            chain.sensor.drag_s = p[1];
+        },
+    ),
+    Form::predictable(
+        "gap",
+        |scales| {
+            let [low_m, high_m] = scales.displacement_m;
+            let at = |share: f64| low_m + share * (high_m - low_m);
+            let starts = [0.2, 0.4, 0.5, 0.6, 0.8].map(at).to_vec();
+            vec![width("gap_m", scales), Parameter::place("at_m", "m", [low_m, high_m], starts)]
+        },
+        |chain, p| chain.sensor.gap = Some(Gap { width_m: p[0], at_m: p[1] }),
+    ),
+];

@@ -1,7 +1,7 @@
 //! Extra hysteron: one more element of hysteresis than the nominal plant has.
 
 use super::parts::add_hysteron;
-use super::{About, Form, Parameter};
+use super::{About, Form, Parameter, Scales};
 
 effect!(ExtraHysteron, "extra_hysteron", Actuator);
 
@@ -23,17 +23,22 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@0.5Hz+minor-loops:60V@5Hz",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "dead-zone",
-    |scales| {
-        // In displacement, so that strength and width are independent: a weak hysteron has a narrow dead zone in volts.
-        let stroke_m = scales.stroke_m;
-        let starts = [0.2, 0.5, 1.0].map(|share| share * stroke_m).to_vec();
-        vec![
-            Parameter::amplitude("stiffness_ratio", "", [0.0, 1.0], 0.02),
-            Parameter::shape("time_constant_s", "s", [1e-6, 0.1], vec![1e-5, 1e-3, 2e-2]),
-            Parameter::shape("dead_zone_m", "m", [0.02 * stroke_m, 4.0 * stroke_m], starts),
-        ]
-    },
-    |chain, p| add_hysteron(chain, p[0], p[1], p[2]),
-)];
+fn hysteron(scales: &Scales<'_>) -> Vec<Parameter> {
+    // In displacement, so that strength and width are independent: a weak hysteron has a narrow dead zone in volts.
+    let stroke_m = scales.stroke_m;
+    let starts = [0.2, 0.5, 1.0].map(|share| share * stroke_m).to_vec();
+    vec![
+        Parameter::amplitude("stiffness_ratio", "", [0.0, 1.0], 0.02),
+        Parameter::shape("time_constant_s", "s", [1e-6, 0.1], vec![1e-5, 1e-3, 2e-2]),
+        Parameter::shape("dead_zone_m", "m", [0.02 * stroke_m, 4.0 * stroke_m], starts),
+    ]
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("dead-zone", hysteron, |chain, p| add_hysteron(chain, p[0], p[1], p[2])),
+    Form::predictable("three-dead-zones", hysteron, |chain, p| {
+        for third in 1..=3 {
+            add_hysteron(chain, p[0] / 3.0, p[1], p[2] * f64::from(third) / 3.0);
+        }
+    }),
+];

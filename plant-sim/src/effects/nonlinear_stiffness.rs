@@ -1,7 +1,7 @@
 //! Nonlinear stiffness: a spring that hardens or softens alike in both directions.
 
-use super::{About, Form, Parameter};
-use crate::chain::Force;
+use super::{About, Form, Parameter, Scales};
+use crate::chain::{Chain, Force};
 
 effect!(NonlinearStiffness, "nonlinear_stiffness", Structure);
 
@@ -21,11 +21,26 @@ const ABOUT: About = About {
     spec: "sine:20V@10Hz,for=1s+sine:60V@10Hz,for=1s+multisine:5V@4-2000Hz,periods=4+multisine:30V@4-2000Hz,periods=4",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "cubic",
-    |scales| {
-        let unit = scales.plant.stiffness_n_per_m / scales.stroke_m.powi(2);
-        vec![Parameter::signed("cubic_n_per_m3", "N/m^3", 0.5 * unit, 0.02 * unit)]
-    },
-    |chain, p| chain.parts.forces.push(Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: p[0] }),
-)];
+fn cubic(scales: &Scales<'_>) -> Parameter {
+    let unit = scales.plant.stiffness_n_per_m / scales.stroke_m.powi(2);
+    Parameter::signed("cubic_n_per_m3", "N/m^3", 0.5 * unit, 0.02 * unit)
+}
+
+fn add_cubic(chain: &mut Chain, cubic_n_per_m3: f64) {
+    chain.parts.forces.push(Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3 });
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("cubic", |scales| vec![cubic(scales)], |chain, p| add_cubic(chain, p[0])),
+    Form::predictable(
+        "cubic-and-fifth",
+        |scales| {
+            let unit = scales.plant.stiffness_n_per_m / scales.stroke_m.powi(4);
+            vec![cubic(scales), Parameter::signed("fifth_n_per_m5", "N/m^5", 0.5 * unit, 0.02 * unit)]
+        },
+        |chain, p| {
+            add_cubic(chain, p[0]);
+            chain.parts.forces.push(Force::Fifth { fifth_n_per_m5: p[1] });
+        },
+    ),
+];

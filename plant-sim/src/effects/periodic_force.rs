@@ -1,8 +1,8 @@
 //! Periodic force: something shakes the structure at a frequency of its own.
 
 use super::parts::phasor;
-use super::{About, Form, Parameter, spaced};
-use crate::chain::Force;
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::{Chain, Force};
 
 effect!(PeriodicForce, "periodic_force", Environment);
 
@@ -25,15 +25,36 @@ const ABOUT: About = About {
 /// Frequencies from which a search starts, where no spectrum says where the line is.
 const N_STARTS: usize = 80;
 
-const FORMS: &[Form] = &[Form::predictable(
-    "line",
-    |scales| {
-        let bounds = [3.0 / scales.longest_s, 0.45 / scales.sample_s];
-        let mut parameters =
-            vec![Parameter::shape("line_hz", "Hz", bounds, spaced(2.0 * bounds[0], 0.9 * bounds[1], N_STARTS))];
-        let force_n = scales.plant.stiffness_n_per_m * scales.stroke_m;
-        parameters.extend(phasor(["cos_n", "sin_n"], "N", force_n, 5e-4 * force_n));
-        parameters
-    },
-    |chain, p| chain.parts.forces.push(Force::Line { hz: p[0], cos_n: p[1], sin_n: p[2] }),
-)];
+fn hz(scales: &Scales<'_>) -> Parameter {
+    let bounds = [3.0 / scales.longest_s, 0.45 / scales.sample_s];
+    Parameter::shape("line_hz", "Hz", bounds, spaced(2.0 * bounds[0], 0.9 * bounds[1], N_STARTS))
+}
+
+fn amplitudes(scales: &Scales<'_>, names: [&'static str; 2]) -> [Parameter; 2] {
+    let force_n = scales.plant.stiffness_n_per_m * scales.stroke_m;
+    phasor(names, "N", force_n, 5e-4 * force_n)
+}
+
+fn add(chain: &mut Chain, hz: f64, cos_n: f64, sin_n: f64) {
+    chain.parts.forces.push(Force::Line { hz, cos_n, sin_n });
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable(
+        "line",
+        |scales| std::iter::once(hz(scales)).chain(amplitudes(scales, ["cos_n", "sin_n"])).collect(),
+        |chain, p| add(chain, p[0], p[1], p[2]),
+    ),
+    Form::predictable(
+        "line-with-second-harmonic",
+        |scales| {
+            let first = amplitudes(scales, ["cos_n", "sin_n"]);
+            let second = amplitudes(scales, ["second_cos_n", "second_sin_n"]);
+            std::iter::once(hz(scales)).chain(first).chain(second).collect()
+        },
+        |chain, p| {
+            add(chain, p[0], p[1], p[2]);
+            add(chain, 2.0 * p[0], p[3], p[4]);
+        },
+    ),
+];

@@ -30,25 +30,35 @@ fn amplitude(name: &'static str, unit: &'static str, scales: &Scales<'_>, per_s:
 }
 
 fn drift(chain: &mut Chain, amplitude_m: f64, time_constant_s: f64) {
-    chain.sensor.drift = Some(Drift { amplitude_m, time_constant_s });
+    chain.sensor.drifts.push(Drift { amplitude_m, time_constant_s });
+}
+
+fn linear(scales: &Scales<'_>) -> Parameter {
+    amplitude("rate_m_per_s", "m/s", scales, 1.0 / scales.longest_s)
+}
+
+fn exponential(scales: &Scales<'_>) -> Vec<Parameter> {
+    let longest_s = scales.longest_s;
+    let starts = spaced(0.1 * longest_s, 2.0 * longest_s, 3);
+    vec![
+        amplitude("amplitude_m", "m", scales, 1.0),
+        Parameter::shape("time_constant_s", "s", [0.02 * longest_s, 10.0 * longest_s], starts),
+    ]
 }
 
 const FORMS: &[Form] = &[
+    Form::predictable("linear", |scales| vec![linear(scales)], |chain, p| drift(chain, p[0], f64::INFINITY)),
+    Form::predictable("exponential", exponential, |chain, p| drift(chain, p[0], p[1])),
     Form::predictable(
-        "linear",
-        |scales| vec![amplitude("rate_m_per_s", "m/s", scales, 1.0 / scales.longest_s)],
-        |chain, p| drift(chain, p[0], f64::INFINITY),
-    ),
-    Form::predictable(
-        "exponential",
+        "both",
         |scales| {
-            let longest_s = scales.longest_s;
-            let starts = spaced(0.1 * longest_s, 2.0 * longest_s, 3);
-            vec![
-                amplitude("amplitude_m", "m", scales, 1.0),
-                Parameter::shape("time_constant_s", "s", [0.02 * longest_s, 10.0 * longest_s], starts),
-            ]
+            let mut parameters = exponential(scales);
+            parameters.push(linear(scales));
+            parameters
         },
-        |chain, p| drift(chain, p[0], p[1]),
+        |chain, p| {
+            drift(chain, p[0], p[1]);
+            drift(chain, p[2], f64::INFINITY);
+        },
     ),
 ];

@@ -1,6 +1,7 @@
 //! Sensor gain: the reading is a fixed share too large or too small.
 
 use super::{About, Form, Parameter};
+use crate::chain::Chain;
 
 effect!(SensorGain, "sensor_gain", Sensor);
 
@@ -20,8 +21,15 @@ const ABOUT: About = About {
     spec: "",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "gain",
-    |_| vec![Parameter::signed("relative_gain", "", 0.5, 0.02)],
-    |chain, p| chain.sensor.gain *= 1.0 + p[0],
-)];
+fn relative_gain() -> Parameter {
+    Parameter::signed("relative_gain", "", 0.5, 0.02)
+}
+
+fn turn(chain: &mut Chain, p: &[f64]) {
+    chain.sensor.gain *= 1.0 + p[0];
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("gain", |_| vec![relative_gain()], turn),
+    Form::predictable("gain-of-each-log", |_| vec![relative_gain().of_each_log()], turn),
+];

@@ -1,14 +1,15 @@
 //! Sensor nonlinearity: the reading is a curve of the displacement.
 
-use super::{About, Form, Parameter, Scales};
-use crate::chain::Chain;
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::{Chain, Cycle};
 
 effect!(SensorNonlinearity, "sensor_nonlinearity", Sensor);
 
 const ABOUT: About = About {
     title: "sensor nonlinearity",
     what: "The reading is a slightly bent function of the displacement, the same at every rate.",
-    equation: "y = q + c2 q^2 + c3 q^3; q: displacement, y: reading, c2 and c3: coefficients",
+    equation: "y = q + c2 q^2 + c3 q^3, or y = q + a cos(2 pi q / p) + b sin(2 pi q / p) (cyclic); q: displacement, y: \
+               reading, c2 and c3: coefficients, a, b and p: amplitudes and period",
     source: "PI E-727 manual (the controller corrects a sensor polynomial up to the fourth order); size assumed",
     typical: "0.01 to 1 % of the stroke",
     installs: "a polynomial of the sensor",
@@ -39,8 +40,22 @@ fn curve(chain: &mut Chain, quadratic_per_m: f64, cubic_per_m2: f64) {
     chain.sensor.cubic_per_m2 += cubic_per_m2;
 }
 
+/// Periods from which a search starts: a score test resolves about an octave.
+const N_PERIODS: usize = 7;
+
 const FORMS: &[Form] = &[
     Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| curve(chain, p[0], 0.0)),
     Form::predictable("cubic", |scales| vec![cubic(scales)], |chain, p| curve(chain, 0.0, p[0])),
     Form::predictable("both", |scales| vec![quadratic(scales), cubic(scales)], |chain, p| curve(chain, p[0], p[1])),
+    Form::predictable(
+        "cyclic",
+        |scales| {
+            let stroke_m = scales.stroke_m;
+            let amplitude = |name| Parameter::signed(name, "m", 0.05 * stroke_m, 1e-3 * stroke_m);
+            let bounds = [2e-3 * stroke_m, stroke_m];
+            let starts = spaced(0.01 * stroke_m, 0.5 * stroke_m, N_PERIODS);
+            vec![Parameter::shape("period_m", "m", bounds, starts), amplitude("cos_m"), amplitude("sin_m")]
+        },
+        |chain, p| chain.sensor.cycles.push(Cycle { period_m: p[0], cos_m: p[1], sin_m: p[2] }),
+    ),
 ];

@@ -1,6 +1,7 @@
 //! Sensor offset: the reading at zero displacement is not zero.
 
-use super::{About, Form, Parameter};
+use super::{About, Form, Parameter, Scales};
+use crate::chain::Chain;
 
 effect!(SensorOffset, "sensor_offset", Sensor);
 
@@ -18,8 +19,15 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@2Hz+zero@2s+ladder:-60V/2,hold=1s+zero@2s",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "constant",
-    |scales| vec![Parameter::signed("offset_m", "m", scales.stroke_m, 0.01 * scales.stroke_m)],
-    |chain, p| chain.sensor.offset_m += p[0],
-)];
+fn offset(scales: &Scales<'_>) -> Parameter {
+    Parameter::signed("offset_m", "m", scales.stroke_m, 0.01 * scales.stroke_m)
+}
+
+fn shift(chain: &mut Chain, p: &[f64]) {
+    chain.sensor.offset_m += p[0];
+}
+
+const FORMS: &[Form] = &[
+    Form::predictable("constant", |scales| vec![offset(scales)], shift),
+    Form::predictable("constant-in-each-log", |scales| vec![offset(scales).of_each_log()], shift),
+];

@@ -9,8 +9,8 @@ const ABOUT: About = About {
     title: "thermal gain",
     what: "The gain drifts as the ceramic warms, by itself after it was switched on or by the losses of the drive.",
     equation: "y = y0 (1 + a theta), tau theta' = P - theta; a: relative change at theta = 1, tau: thermal time \
-               constant, P: heat, which is 1 (time), (v / 60 V)^2 (drive) or (v' / 1e4 V/s)^2 (rate: dielectric loss f \
-               C V^2 tan delta), v: drive",
+               constant, P: heat, which is 1 (time), (v / 60 V)^2 (drive) or |v v'| / (7.2e5 V^2/s) (loss: f C V^2 tan \
+               delta, 1 for 60 V at 100 Hz), v: drive",
     source: "common form, size assumed",
     typical: "1 to 10 % at high frequency, over seconds to minutes",
     installs: "a gain of the drive that follows the heat with a lag",
@@ -23,7 +23,7 @@ const ABOUT: About = About {
 
 /// References of the two heats that the drive makes. Fixed, so that a coefficient means the same on every rig.
 const REFERENCE_V: f64 = 60.0;
-const REFERENCE_V_PER_S: f64 = 1e4;
+const REFERENCE_V2_PER_S: f64 = 2.0 * 100.0 * REFERENCE_V * REFERENCE_V;
 
 /// A coefficient for a heat whose largest value is `heat`, and the time constant.
 fn parameters(scales: &Scales<'_>, heat: f64) -> Vec<Parameter> {
@@ -45,8 +45,8 @@ const FORMS: &[Form] = &[
         |chain, p| warm(chain, p, Heat::Drive { volts: REFERENCE_V }),
     ),
     Form::predictable(
-        "rate",
-        |scales| parameters(scales, (scales.usual_rate_v_per_s() / REFERENCE_V_PER_S).powi(2)),
-        |chain, p| warm(chain, p, Heat::Rate { volts_per_s: REFERENCE_V_PER_S }),
+        "loss",
+        |scales| parameters(scales, scales.drive_v * scales.usual_rate_v_per_s() / REFERENCE_V2_PER_S),
+        |chain, p| warm(chain, p, Heat::Loss { volts2_per_s: REFERENCE_V2_PER_S }),
     ),
 ];

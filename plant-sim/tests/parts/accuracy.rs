@@ -41,6 +41,7 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
     vec![
         ("cubic spring", Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }, [0.2, EXACT_NM]),
         ("quadratic spring", Force::Spring { quadratic_n_per_m2: 2e7, cubic_n_per_m3: 0.0 }, [0.6, 0.005]),
+        ("fifth power", Force::Fifth { fifth_n_per_m5: 3e19 }, [0.2, EXACT_NM]),
         ("one-sided", Force::OneSided { stiffness_n_per_m: 3000.0 }, [0.9, 0.015]),
         ("one-sided, softer", Force::OneSided { stiffness_n_per_m: -3000.0 }, [0.9, 0.015]),
         ("presliding 2 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }, [0.1, 0.005]),
@@ -109,10 +110,23 @@ fn drives() {
             0.05,
         ),
         ("second order, damping 0.2", with_drive(Drive { lag: second(31416.0, 0.2), ..ideal.clone() }), 0.04),
-        ("slew 0.05 V/us", with_drive(Drive { slew_v_per_s: 5e4, ..ideal.clone() }), 0.02),
-        ("slew 0.5 V/us", with_drive(Drive { slew_v_per_s: 5e5, ..ideal.clone() }), 0.08),
-        ("slew 3 V/us, late", with_drive(Drive { delay_s: 25e-6, slew_v_per_s: 3e6, ..ideal.clone() }), 0.3),
-        ("slew and lag", with_drive(Drive { slew_v_per_s: 1e5, lag: first(100e-6), ..ideal.clone() }), 0.008),
+        ("slew 0.05 V/us", with_drive(Drive { slew_v_per_s: 5e4, slew_down_v_per_s: 5e4, ..ideal.clone() }), 0.02),
+        ("slew 0.5 V/us", with_drive(Drive { slew_v_per_s: 5e5, slew_down_v_per_s: 5e5, ..ideal.clone() }), 0.08),
+        (
+            "slew 3 V/us, late",
+            with_drive(Drive { delay_s: 25e-6, slew_v_per_s: 3e6, slew_down_v_per_s: 3e6, ..ideal.clone() }),
+            0.3,
+        ),
+        (
+            "slew 0.05 V/us up, 0.02 down",
+            with_drive(Drive { slew_v_per_s: 5e4, slew_down_v_per_s: 2e4, ..ideal.clone() }),
+            0.02,
+        ),
+        (
+            "slew and lag",
+            with_drive(Drive { slew_v_per_s: 1e5, slew_down_v_per_s: 1e5, lag: first(100e-6), ..ideal.clone() }),
+            0.008,
+        ),
         ("knee", with_drive(Drive { range_v: [-50.0, 45.0], knee_v: 3.0, ..ideal.clone() }), EXACT_NM),
         ("gain, curvature", with_drive(Drive { gain: 1.1, curvature_per_v: 1e-3, ..ideal.clone() }), EXACT_NM),
         ("warms by itself", with_drive(Drive { warming: warm(Heat::Time), ..ideal.clone() }), 0.4),
@@ -134,7 +148,7 @@ fn modes_and_sensors() {
         quadratic_per_m: 100.0,
         cubic_per_m2: 1e6,
         offset_m: 2e-6,
-        drift: Some(Drift { amplitude_m: 1e-6, time_constant_s: 0.03 }),
+        drifts: vec![Drift { amplitude_m: 1e-6, time_constant_s: 0.03 }],
         lines: vec![Line { hz: 50.0, cos_m: 1e-7, sin_m: 2e-7 }],
         ..Sensor::IDEAL
     };

@@ -22,6 +22,7 @@ fn stored_plus_dissipated_equals_supplied() {
         ("nominal", chain()),
         ("attached", Chain { parts: Parts { modes: vec![mode], ..Parts::default() }, ..chain() }),
         ("spring", with_force(Force::Spring { quadratic_n_per_m2: 2e7, cubic_n_per_m3: 3e11 })),
+        ("fifth power", with_force(Force::Fifth { fifth_n_per_m5: 3e19 })),
         ("one-sided", with_force(Force::OneSided { stiffness_n_per_m: 3000.0 })),
         ("stop", with_force(Force::Stop { at_m: -70e-6, stiffness_n_per_m: 5e5 })),
         ("presliding", with_force(Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 })),

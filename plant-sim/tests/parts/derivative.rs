@@ -31,7 +31,7 @@ fn chains(x: f64) -> Vec<(&'static str, Chain)> {
         ("widening 0", b(0, BendLaw::Widening { share: 0.1 * x, reference_v_per_s: 1e5 })),
         ("widening 1", b(1, BendLaw::Widening { share: 0.1 * x, reference_v_per_s: 1e5 })),
         ("lag", with_drive(Drive { lag: Some(Lag::First { time_constant_s: 5e-5 * x }), ..Drive::IDEAL })),
-        ("slew", with_drive(Drive { slew_v_per_s: 1e5 * x, ..Drive::IDEAL })),
+        ("slew", with_drive(Drive { slew_v_per_s: 1e5 * x, slew_down_v_per_s: 1e5 * x, ..Drive::IDEAL })),
         ("delay", with_drive(Drive { delay_s: 3e-5 * x, ..Drive::IDEAL })),
         (
             "lag2",

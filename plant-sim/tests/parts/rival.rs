@@ -103,7 +103,7 @@ pub fn rival(chain: &Chain, command_v: &[f64], steps: usize) -> Vec<f64> {
             let command = if index < delay { 0.0 } else { command_v[(index - delay) / steps] };
             let wanted_v = chain.drive.output_v(command);
             let most = chain.drive.slew_v_per_s * h;
-            let next_v = slewed_v + (wanted_v - slewed_v).clamp(-most, most);
+            let next_v = slewed_v + (wanted_v - slewed_v).clamp(-chain.drive.slew_down_v_per_s * h, most);
             let middle_v = 0.5 * (slewed_v + next_v);
             let t = index as f64 * h;
             let k1 = slope(chain, &x, slewed_v, t);
@@ -148,13 +148,14 @@ fn seen_m(chain: &Chain, x: &Vector) -> f64 {
 fn reading_m(chain: &Chain, x: &Vector, t: f64) -> f64 {
     let seen_m = if chain.sensor.lag.is_some() { x[SENSOR_LAG] } else { seen_m(chain, x) };
     let y = seen_m + chain.sensor.quadratic_per_m * seen_m.powi(2) + chain.sensor.cubic_per_m2 * seen_m.powi(3);
-    let drift = chain.sensor.drift.map_or(0.0, |d| {
+    let drifts = chain.sensor.drifts.iter().map(|d| {
         if d.time_constant_s.is_finite() {
             d.amplitude_m * (1.0 - (-t / d.time_constant_s).exp())
         } else {
             d.amplitude_m * t
         }
     });
+    let drift: f64 = drifts.sum();
     let lines: f64 =
         chain.sensor.lines.iter().map(|l| l.cos_m * (TAU * l.hz * t).cos() + l.sin_m * (TAU * l.hz * t).sin()).sum();
     chain.sensor.gain * y + chain.sensor.offset_m + drift + lines
@@ -182,7 +183,7 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
         let heating = match warming.heat {
             Heat::Time => 1.0,
             Heat::Drive { volts } => (drive_v / volts).powi(2),
-            Heat::Rate { .. } => unreachable!("a test of its own"),
+            Heat::Loss { .. } => unreachable!("a test of its own"),
         };
         dx[THETA] = (heating - x[THETA]) / warming.time_constant_s;
         drive_v *= 1.0 + warming.coefficient * x[THETA];
@@ -199,6 +200,7 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
                 quadratic_n_per_m2 * q * q + cubic_n_per_m3 * q * q * q
             }
+            Force::Fifth { fifth_n_per_m5 } => fifth_n_per_m5 * q * q * q * q * q,
             Force::OneSided { stiffness_n_per_m } => {
                 if q > 0.0 {
                     stiffness_n_per_m * q
