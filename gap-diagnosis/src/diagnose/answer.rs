@@ -3,11 +3,11 @@
 use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::Bench;
 use super::closed_loop::ClosedLoop;
-use super::gap::{Gap, ShareOf, Three, gap, shares};
+use super::gap::{Gap, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
-use super::random::{Random, beyond_stated, by_scatter};
+use super::random::{CONFIDENCE, Random, beyond_stated, by_scatter, lost};
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
@@ -22,8 +22,9 @@ use std::collections::BTreeMap;
 
 /// Schema of `diagnosis.json`.
 pub const SCHEMA: &str = "hysteron-diagnosis-1";
-/// Noise that makes less than this share of the excess is no second effect.
+/// Noise that makes less than this share of the excess is no second effect, unless the first leaves less than this of the gap.
 const SECOND_SHARE: f64 = 0.15;
+const WELL: f64 = 0.1;
 /// Rows of a log that are kept for the page; beyond, every second one is dropped, and so on.
 const PAGE_ROWS: usize = 400_000;
 
@@ -176,15 +177,18 @@ pub(super) fn answer(
     let (mut verdict, explanation) = named(bench, course);
     let mut random: Vec<Random> = explanation
         .and_then(|e| e.scatter.as_ref())
-        .map(|(effect, form, values)| by_scatter(course, *effect, form, values))
+        .map(|(effect, form, scattered)| by_scatter(*effect, form, scattered))
         .into_iter()
         .collect();
+    // What no fit was shown: rows that were lost, and noise beyond what is stated. A fit that leaves much hides noise.
+    let well = explanation.is_some_and(|e| e.judged.left < WELL);
     let excess2 = course.scattered.excess_m2.max(0.0);
-    let beyond = beyond_stated(bench.model, bench, &without).filter(|noise| {
-        let alone = verdict == Verdict::NoGap;
-        let second = noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2);
-        let is_new = random.iter().all(|known| known.effect.id() != noise.effect.id());
-        is_new && (alone || verdict == Verdict::Explained && second)
+    let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
+        verdict == Verdict::NoGap || well || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
+    });
+    let beyond = lost(bench, &course.scattered).or(unseen).filter(|beyond| {
+        let is_new = random.iter().all(|known| known.effect.id() != beyond.effect.id());
+        is_new && verdict != Verdict::Unknown
     });
     if let Some(noise) = &beyond {
         verdict = Verdict::Explained;
@@ -192,10 +196,24 @@ pub(super) fn answer(
     }
     let found = augment(search, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
-    let gap = gap(benches, &three, options.seed);
+    let expected = expected(benches, &three, found.spread2_m2(benches));
+    let gap = gap(benches, &three, &expected, options.seed);
+    let mut shares_of_nothing = [course.no_gap, course.unknown];
+    if beyond.is_none() && gap.surprises(&expected) {
+        warnings.push(format!(
+            "{}: {:.4} um stay where {:.4} um were to be expected: these rows show what no fitted row does; fit some of their kind as well",
+            gap.headline,
+            gap.augmented_rms_um,
+            1e6 * expected.left2_m2.sqrt().hypot(1e-6 * gap.noise_rms_um),
+        ));
+        if verdict == Verdict::NoGap {
+            verdict = Verdict::Unknown;
+            shares_of_nothing = [(1.0 - CONFIDENCE) * course.no_gap, course.unknown + CONFIDENCE * course.no_gap];
+        }
+    }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
-    let ranking = ranking(course, explanation, &shares, beyond.as_ref());
+    let ranking = ranking(course, shares_of_nothing, explanation, &shares, beyond.as_ref());
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
     let classes = explanation.map(|top| classes(bench, course, top)).unwrap_or_default();

@@ -3,7 +3,7 @@
 use super::bench::{Bench, Freedom, Record};
 use super::descend::{covariance, descend};
 use super::judge::Explanation;
-use super::plants::{Variant, carry};
+use super::plants::{Benches, Variant, carry};
 use super::random::Random;
 use super::search::{Candidate, Search};
 use super::symmetry::directions;
@@ -82,7 +82,7 @@ pub(super) fn augment(
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
         let found = descend(bench, &hypothesis, z, &AGAIN, search.simulations);
-        let candidate = Candidate { hypothesis, found, chi: base.chi };
+        let candidate = Candidate { hypothesis, found, ..base.clone() };
         let weights = independent_weights(&Search { bench, simulations: search.simulations }, &candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
         let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
@@ -126,6 +126,21 @@ fn independent_weights(search: &Search<'_>, candidate: &Candidate) -> Vec<f64> {
 }
 
 impl Augmented {
+    /// Mean square that the uncertainty of all shared numbers makes on the held-out rows that are scored, metres squared.
+    pub fn spread2_m2(&self, benches: &Benches<'_>) -> f64 {
+        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
+        let shared = benches.fitted.shared(&self.variant.hypothesis);
+        let covariance = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
+        let played = benches.play_held(&self.variant);
+        let axes = covariance.eigenvalues.iter().zip(covariance.eigenvectors.column_iter());
+        let moved = axes.filter(|(variance, _)| **variance > 0.0).map(|(variance, direction)| {
+            let mut variant = self.variant.clone();
+            variant.z.iter_mut().zip(direction.iter()).for_each(|(z, along)| *z += variance.sqrt() * along);
+            benches.mean_square_apart_m2(&played, &benches.play_held(&variant))
+        });
+        moved.sum()
+    }
+
     fn sigma(&self, place: usize) -> f64 {
         self.covariance.as_ref().map_or(f64::NAN, |covariance| covariance[(place, place)].max(0.0).sqrt())
     }

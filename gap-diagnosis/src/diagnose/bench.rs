@@ -36,6 +36,9 @@ pub struct Record<'a> {
     pub before_v: [f64; 2],
     /// Every fifth stretch of this many rows is never fitted, only scored.
     pub stretch: usize,
+    /// Rows that repeat the reading before, though readings have digits of their own: they were lost and are not fitted. Empty where none
+    /// is.
+    pub is_lost: Vec<bool>,
     /// What a reading of the drive monitor is uncertain by, in volts, if the log has one.
     pub monitor_v: Option<f64>,
 }
@@ -45,6 +48,18 @@ impl Record<'_> {
     #[inline]
     pub fn holds_out(&self, k: usize) -> bool {
         (k / self.stretch) % 5 == 3
+    }
+
+    /// Whether row `k` only repeats the one before.
+    #[inline]
+    pub fn has_lost(&self, k: usize) -> bool {
+        self.is_lost.get(k).is_some_and(|lost| *lost)
+    }
+
+    /// Whether row `k` is fitted.
+    #[inline]
+    pub fn fits(&self, k: usize) -> bool {
+        k >= self.run_in && !self.holds_out(k) && !self.has_lost(k)
     }
 
     /// What of a difference counts: what a reading on a lattice leaves open is no residual.

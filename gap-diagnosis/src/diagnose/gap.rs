@@ -1,5 +1,6 @@
 //! How large the gap is, how far it shrinks and what shares the effects have in that (of all rows; the gap itself is told on rows never fitted).
 
+use super::judge::LEAST_GAP;
 use super::plants::{Benches, Played, Variant, scored_from};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -11,6 +12,8 @@ const BLOCK_S: f64 = 0.05;
 const CELLS: usize = 10;
 /// Resamples.
 const RESAMPLES: usize = 1000;
+/// The named plant surprises where it misses rows that no fit saw by this many times what was expected, as amplitude.
+const SURPRISE: f64 = 4.0;
 
 /// The gap in numbers.
 #[derive(Clone, Debug, Serialize)]
@@ -89,8 +92,8 @@ pub(super) fn is_scored(benches: &Benches<'_>, index: usize, row: usize) -> bool
     }
 }
 
-/// The gap on the headline's rows.
-pub(super) fn gap(benches: &Benches<'_>, three: &Three, seed: u64) -> Gap {
+/// The gap on the headline's rows, where `expected` is what was to be expected there.
+pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, seed: u64) -> Gap {
     let mut logs: Vec<Vec<Sums>> = Vec::new();
     for (index, record) in benches.records().enumerate() {
         let cell_rows = ((BLOCK_S / CELLS as f64 / record.log.dt_s) as usize).max(1);
@@ -135,7 +138,16 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, seed: u64) -> Gap {
         shrink_percent: all.shrink_percent(),
         shrink_percent_ci95: interval(&logs, seed),
         closure_percent,
-        predicted_shrink_percent: predicted(benches, three),
+        predicted_shrink_percent: expected.shrink_percent,
+    }
+}
+
+impl Gap {
+    /// Whether the named plant misses the headline's rows by more than was to be expected of it: they show what no fitted row does.
+    pub(super) fn surprises(&self, expected: &Expected) -> bool {
+        let noise2_m2 = (1e-6 * self.noise_rms_um).powi(2);
+        let excess2_m2 = (1e-6 * self.augmented_rms_um).powi(2) - noise2_m2;
+        excess2_m2 > SURPRISE.powi(2) * (expected.left2_m2 + LEAST_GAP.powi(2) * noise2_m2)
     }
 }
 
@@ -178,9 +190,17 @@ fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
     [shrinks[RESAMPLES * 25 / 1000], shrinks[RESAMPLES * 975 / 1000 - 1]]
 }
 
-/// The shrink that the fitted rows and the headline's commands lead one to expect: the plants' difference on those rows is what will
-/// be gained, and what the fitted rows leave unexplained stays, in the same proportion to that difference.
-fn predicted(benches: &Benches<'_>, three: &Three) -> f64 {
+/// What the fitted rows and the headline's commands lead one to expect on the headline's rows.
+pub(super) struct Expected {
+    /// Mean square beyond the noise that the named plant leaves, metres squared.
+    pub left2_m2: f64,
+    /// 100 (1 - named / nominal).
+    pub shrink_percent: f64,
+}
+
+/// The plants' difference on the headline's rows is what will be gained; what the fitted rows leave unexplained stays, in the same
+/// proportion to that difference, and so does what the numbers' uncertainty makes there, `spread2_m2` a row.
+pub(super) fn expected(benches: &Benches<'_>, three: &Three, spread2_m2: f64) -> Expected {
     let (mut fitted, mut headline) = ([0.0; 3], [0.0; 3]);
     for (index, record) in benches.records().enumerate() {
         let augmented = &three.augmented[index];
@@ -195,13 +215,13 @@ fn predicted(benches: &Benches<'_>, three: &Three) -> f64 {
             }
         }
     }
-    if headline[1] <= 0.0 || fitted[1] <= 0.0 {
-        return 0.0;
-    }
     let lines2 = if benches.held.is_some() { three.not_portable_m2 * headline[0] } else { 0.0 };
-    let left2 = (fitted[2].max(0.0) / fitted[1]) * headline[1] + lines2;
+    let unexplained2 = if fitted[1] > 0.0 { fitted[2].max(0.0) / fitted[1] * headline[1] } else { 0.0 };
+    let left2 = unexplained2 + lines2 + spread2_m2 * headline[0];
     let (before2, after2) = (headline[1] + left2 + headline[2], left2 + headline[2]);
-    100.0 * (1.0 - (after2 / before2).sqrt())
+    let shrink_percent =
+        if headline[1] > 0.0 && fitted[1] > 0.0 { 100.0 * (1.0 - (after2 / before2).sqrt()) } else { 0.0 };
+    Expected { left2_m2: left2 / f64::max(headline[0], 1.0), shrink_percent }
 }
 
 /// Mean square beyond the noise on all rows, metres squared: a held-out log may not show what the hold or the multisine does.
@@ -286,7 +306,25 @@ fn shapley(values: &[f64], players: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Sums, interval, shapley};
+    use super::{Expected, Gap, Sums, interval, shapley};
+
+    #[test]
+    fn rows_surprise_where_more_stays_than_numbers_and_noise_explain() {
+        let gap = |augmented_rms_um| Gap {
+            headline: "held-out log",
+            nominal_rms_um: 1.0,
+            refit_rms_um: augmented_rms_um,
+            augmented_rms_um,
+            noise_rms_um: 0.02,
+            shrink_percent: 0.0,
+            shrink_percent_ci95: [0.0; 2],
+            closure_percent: 0.0,
+            predicted_shrink_percent: 0.0,
+        };
+        let expected = |left_um: f64| Expected { left2_m2: (1e-6 * left_um).powi(2), shrink_percent: 0.0 };
+        assert!(!gap(0.03).surprises(&expected(0.0)) && gap(0.05).surprises(&expected(0.0)));
+        assert!(!gap(0.15).surprises(&expected(0.05)) && gap(0.3).surprises(&expected(0.05)));
+    }
 
     #[test]
     fn shares_of_a_known_game() {

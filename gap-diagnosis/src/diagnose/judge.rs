@@ -11,7 +11,9 @@ use super::symmetry::{Freed, freed};
 use plant_sim::effects::{Effect, Form, find};
 
 /// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
-const LEAST_GAP: f64 = 0.4;
+pub(super) const LEAST_GAP: f64 = 0.4;
+/// The same of a single log: an effect may show in one experiment only.
+const LEAST_GAP_OF_LOG: f64 = 0.5;
 /// Chi-square that a comparison of two fits resolves.
 const RESOLVED: f64 = 20.0;
 /// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
@@ -30,6 +32,8 @@ const PAYS_FOR_ALL: f64 = 0.05;
 const NEARLY_ALL: f64 = 0.1;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
 pub(super) const AT_NOISE: f64 = 1.06;
+/// .. but not where that takes less than the rest of the gap's power away.
+const MOST_OF_NOISE: f64 = 0.3;
 /// What freeing one of a dozen directions must earn beyond its cost, and how much less likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 5.0;
@@ -45,8 +49,8 @@ pub struct Explanation {
     pub candidate: Candidate,
     /// The direction that was freed, for an effect that the nominal numbers imitate.
     pub freed: Option<Freed>,
-    /// The number that scatter tells, for an effect that no simulation predicts: form and parameter values.
-    pub scatter: Option<(&'static dyn Effect, &'static Form, Vec<f64>)>,
+    /// For an effect that no simulation predicts: its form, and the scatter that tells its number.
+    pub scatter: Option<(&'static dyn Effect, &'static Form, Scattered)>,
 }
 
 impl Explanation {
@@ -123,7 +127,7 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
 }
 
 fn has_gap(refit: &Candidate) -> bool {
-    refit.chi - 1.0 > LEAST_GAP * LEAST_GAP
+    refit.chi - 1.0 > LEAST_GAP.powi(2) || refit.worst_chi - 1.0 > LEAST_GAP_OF_LOG.powi(2)
 }
 
 /// Explains what `refit` leaves.
@@ -150,11 +154,22 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
     let best = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi));
     // The noise is known to a few per cent: a fit that comes that near is at it.
-    let noise = best.map(|best| best.chi).filter(|chi| *chi < AT_NOISE).unwrap_or(1.0);
+    let at_noise = AT_NOISE.min(1.0 + MOST_OF_NOISE * excess);
+    let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
     let mut explanations: Vec<Explanation> =
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
+    // What a fit leaves may scatter as well. Whether it is noise, only a fit that nothing more can be added to would tell.
+    if let Some(best) = best.filter(|best| best.chi > AT_NOISE) {
+        let left = best.left(&refit, noise);
+        let beside = self::scattered(bench, &search.play(best));
+        let both = by_scatter(&beside, best, floor, without, HOPELESS, false).into_iter().map(|mut explanation| {
+            explanation.judged.left *= left;
+            explanation
+        });
+        explanations.extend(both);
+    }
     // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
     // the refit leaves of the whole gap is left then.
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
@@ -206,21 +221,14 @@ fn by_scatter(
         let Some(effect) = find(id) else { return };
         let Some(form) = effect.forms().iter().find(|f| f.name == form) else { return };
         let explanation = Explanation::by_fit(refit, left.clamp(0.0, 1.0), floor).and(effect.id());
-        found.push(Explanation { scatter: Some((effect, form, vec![value])), ..explanation });
+        found.push(Explanation { scatter: Some((effect, form, *scattered)), ..explanation });
     };
-    let unexplained = |power: f64| (1.0 - power / scattered.excess_m2).abs().sqrt();
     if scattered.jitter_s > 8.0 * scattered.jitter_sigma_s {
         // A line through bins leaves a few per cent of its own.
         let left = (0.5 * (1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.05).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
         add("sampling_jitter", "white", scattered.jitter_s, left + rival);
     }
-    add(
-        "lost_samples",
-        "repeated",
-        scattered.repeated_share,
-        (unexplained(scattered.repeated_m2) - 0.1).max(0.0) + 0.01,
-    );
     // Noise neither has lines nor follows anything that the registry's directions follow.
     let even = scattered.unevenness;
     if even < 1.0 && best_share < HOPELESS && !has_lines {

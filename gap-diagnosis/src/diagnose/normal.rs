@@ -184,11 +184,7 @@ fn residuals<'a>(
     from: usize,
     rows: usize,
 ) -> impl Iterator<Item = (usize, f64)> + 'a {
-    let is_fitted = move |at: &usize| {
-        let row = from + at % rows;
-        row >= record.run_in && !record.holds_out(row)
-    };
-    (0..predicted.len()).filter(is_fitted).map(move |at| {
+    (0..predicted.len()).filter(move |at| record.fits(from + at % rows)).map(move |at| {
         let row = from + at % rows;
         let monitor = record.log.drive_v.as_ref().zip(record.monitor_m_per_v()).filter(|_| at >= rows);
         let residual_m = match monitor {

@@ -66,10 +66,25 @@ impl<'a> Benches<'a> {
         played
     }
 
-    fn play_held(&self, variant: &Variant) -> Vec<Played> {
+    /// What `variant` predicts for the held-out logs.
+    pub fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
         play_on(held, &variant.hypothesis, &z, true)
+    }
+}
+
+impl Benches<'_> {
+    /// Mean square of the difference of two predictions for the held-out logs, on the rows that are scored.
+    pub fn mean_square_apart_m2(&self, one: &[Played], other: &[Played]) -> f64 {
+        let records = self.held.iter().flat_map(|held| &held.records);
+        let (mut rows, mut sum) = (0usize, 0.0);
+        for (record, (one, other)) in records.zip(one.iter().zip(other)) {
+            let from = scored_from(record);
+            rows += one.len() - from;
+            sum += one[from..].iter().zip(&other[from..]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        }
+        sum / rows.max(1) as f64
     }
 }
 

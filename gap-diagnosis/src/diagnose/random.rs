@@ -4,7 +4,7 @@
 //! units of the noise that the logs show, so no fit ever misses it.
 
 use super::bench::Bench;
-use super::judge::Course;
+use super::spread::Scattered;
 use plant_sim::effects::{Effect, Form, Role, find};
 use plant_sim::model::Model;
 
@@ -71,19 +71,22 @@ pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) 
     random(id, form, vec![value], vec![sigma], if is_lattice { lattice2 } else { excess2 })
 }
 
-/// What the course read from scatter, with the power that it accounts for.
-pub(super) fn by_scatter(course: &Course, effect: &'static dyn Effect, form: &'static Form, values: &[f64]) -> Random {
-    let scattered = &course.scattered;
-    let value = values.first().copied().unwrap_or(0.0);
-    let (power_m2, sigma) = match effect.id() {
-        "sampling_jitter" => (scattered.jitter_m2, scattered.jitter_sigma_s),
-        "lost_samples" => {
-            let rows = course.refit.rows();
-            (scattered.repeated_m2, (value / rows.max(1) as f64).sqrt())
-        }
-        _ => (scattered.excess_m2.max(0.0), SCATTER_SIGMA * value),
+/// Rows that repeat the reading before; `scattered` is what they leave.
+pub(super) fn lost(bench: &Bench<'_>, scattered: &Scattered) -> Option<Random> {
+    let share = scattered.repeated_share;
+    let rows: usize = bench.records.iter().map(|r| r.log.len() - r.run_in).sum();
+    let sigma = (share / rows.max(1) as f64).sqrt();
+    if share > 0.0 { random("lost_samples", "repeated", vec![share], vec![sigma], scattered.repeated_m2) } else { None }
+}
+
+/// What was read from scatter, with the power that it accounts for.
+pub(super) fn by_scatter(effect: &'static dyn Effect, form: &'static Form, scattered: &Scattered) -> Random {
+    let excess_m = scattered.excess_m2.max(0.0).sqrt();
+    let (value, sigma, power_m2) = match effect.id() {
+        "sampling_jitter" => (scattered.jitter_s, scattered.jitter_sigma_s, scattered.jitter_m2),
+        _ => (excess_m, SCATTER_SIGMA * excess_m, excess_m * excess_m),
     };
-    Random { effect, form, values: values.to_vec(), sigmas: vec![sigma], power_m2 }
+    Random { effect, form, values: vec![value], sigmas: vec![sigma], power_m2 }
 }
 
 fn random(id: &str, form: &str, values: Vec<f64>, sigmas: Vec<f64>, power_m2: f64) -> Option<Random> {

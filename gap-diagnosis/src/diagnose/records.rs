@@ -23,6 +23,8 @@ const ROUGH: f64 = 1.2;
 const MONITOR_ACCURACY: f64 = 2e-3;
 /// The stated noise is believed if it is above what differences show by no more than this many of its sigma.
 const STATED_SIGMAS: f64 = 3.0;
+/// Rows that a reading must not repeat by chance: with digits of its own, a noisy reading never does.
+const LEAST_REPEATS: usize = 3;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
@@ -34,11 +36,13 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     let smooth_m = noise_rms(&log.displacement_m[run_in..]);
     // A lattice coarser than the noise hides it from differences; its own rounding is noise enough.
     let noise_m = if lattice_m > smooth_m { smooth_m.max(lattice_m / 12f64.sqrt()) } else { smooth_m };
+    let lattice_m = if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 };
     Record {
         log,
         run_in,
         noise_m: noise_m.max(LEAST_NOISE_M),
-        lattice_m: if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 },
+        lattice_m,
+        is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m) },
         before_v: before(log, chain),
         stretch: (log.len() / STRETCHES).max(16),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
@@ -46,6 +50,15 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
             noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
         }),
     }
+}
+
+/// Rows that repeat the one before, if there are too many for chance.
+fn lost(readings_m: &[f64]) -> Vec<bool> {
+    let repeats = |pair: &[f64]| pair[0] == pair[1];
+    if readings_m.windows(2).filter(|pair| repeats(pair)).count() < LEAST_REPEATS {
+        return Vec::new();
+    }
+    std::iter::once(false).chain(readings_m.windows(2).map(repeats)).collect()
 }
 
 /// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise. Where the
@@ -107,7 +120,20 @@ pub fn lattice(values: &[f64]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::lattice;
+    use super::{lattice, lost};
+
+    #[test]
+    fn rows_that_repeat_are_lost_unless_chance_made_them() {
+        let readings = |repeats: &[usize]| -> Vec<f64> {
+            let mut all: Vec<f64> = (0..100).map(|k| f64::from(k * k % 97) + 0.001 * f64::from(k)).collect();
+            repeats.iter().for_each(|k| all[*k] = all[k - 1]);
+            all
+        };
+        let rows = |all: &[f64]| lost(all).iter().enumerate().filter(|(_, l)| **l).map(|(k, _)| k).collect::<Vec<_>>();
+        assert_eq!(rows(&readings(&[5, 40])), [0; 0]);
+        // A run repeats its first row.
+        assert_eq!(rows(&readings(&[5, 40, 41, 42])), [5, 40, 41, 42]);
+    }
 
     #[test]
     fn a_lattice_is_found_and_nothing_else_is() {

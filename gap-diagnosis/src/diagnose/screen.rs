@@ -8,6 +8,7 @@ use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
 use super::descend::{Found, noise_weights};
 use super::normal::{CHUNK, Lockstep, Sensitivities, predict, reader_of};
 use super::plants::carry;
+use super::symmetry::symmetric;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
 use plant_sim::replay::Reader;
@@ -220,11 +221,14 @@ fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option
 }
 
 fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]; 2], without: &[&str]) -> Vec<Block> {
+    let imitated = symmetric(bench);
     let scales = bench.scales();
     let mut blocks = Vec::new();
     let taken = base.ids();
     for &effect in REGISTRY.iter().filter(|e| !taken.contains(&e.id()) && !without.contains(&e.id())) {
-        for form in effect.forms().iter().filter(|form| form.kind == Kind::Predictable) {
+        // What the nominal numbers imitate has no direction of its own; only its first form is that.
+        let first = usize::from(imitated.contains(&effect.id()));
+        for form in effect.forms().iter().skip(first).filter(|form| form.kind == Kind::Predictable) {
             let hypothesis = base.with(effect, form, &scales);
             let Some(installed) = hypothesis.installed.last() else { continue };
             let parameters: Vec<_> = installed.axes.iter().map(|axis| &axis.parameter).collect();

@@ -6,7 +6,6 @@ use super::lines::resonances;
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle};
 use super::screen::{Lead, screen};
-use super::symmetry::symmetric;
 use plant_sim::effects::Kind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -22,6 +21,8 @@ pub struct Candidate {
     pub found: Found,
     /// Mean square of the fitted rows in units of the noise; one at the noise.
     pub chi: f64,
+    /// The same of the log that is fitted worst.
+    pub worst_chi: f64,
 }
 
 impl Candidate {
@@ -54,9 +55,11 @@ pub struct Search<'a> {
 
 impl Search<'_> {
     fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
-        let mut candidate = Candidate { hypothesis, found, chi: 0.0 };
-        candidate.chi = candidate.found.normal.cost(&noise_weights(self.bench)) / candidate.rows().max(1) as f64;
-        candidate
+        let weights = noise_weights(self.bench);
+        let logs = found.normal.logs.iter().zip(&weights);
+        let worst_chi = logs.map(|(log, w)| w * log.squares_m2 / log.rows.max(1) as f64).fold(0.0, f64::max);
+        let chi = found.normal.cost(&weights) / found.normal.rows().max(1) as f64;
+        Candidate { hypothesis, found, chi, worst_chi }
     }
 
     fn descend(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64]) -> Candidate {
@@ -161,9 +164,8 @@ impl Search<'_> {
         without: &[&str],
     ) -> Vec<Lead> {
         let resonance_hz = resonances(self.bench, remainders);
-        let skipped: Vec<&str> = symmetric(self.bench).iter().chain(without).copied().collect();
         let starts = [line_hz, &resonance_hz];
-        screen(self.bench, &candidate.hypothesis, &candidate.found, starts, &skipped, self.simulations)
+        screen(self.bench, &candidate.hypothesis, &candidate.found, starts, without, self.simulations)
     }
 }
 

@@ -5,8 +5,6 @@ use super::search::Remainder;
 
 /// Bins of equal population over the squared velocity, and over the squared displacement.
 const BINS: usize = 24;
-/// Rows that a repeated reading must not have by chance: with digits of its own, a noisy reading never repeats.
-const LEAST_REPEATS: usize = 3;
 /// Stretches of a log whose power is compared.
 const STRETCHES: usize = 10;
 
@@ -48,23 +46,25 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
         let fitted = record.run_in.max(1)..y.len();
         let count = fitted.len();
         rows += count;
-        squares += log.residual_m[fitted.clone()].iter().map(|r| r * r).sum::<f64>();
-        excess += fitted.clone().map(|k| log.residual_m[k].powi(2) - noise2).sum::<f64>();
-        if record.lattice_m == 0.0 {
-            for k in fitted.clone() {
-                if y[k] == y[k - 1] {
-                    repeats.0 += 1;
-                    repeats.1 += log.residual_m[k].powi(2) - noise2;
-                }
+        for k in fitted.clone() {
+            let square = log.residual_m[k].powi(2);
+            if record.has_lost(k) {
+                repeats.0 += 1;
+                repeats.1 += square - noise2;
+            } else {
+                squares += square;
+                excess += square - noise2;
             }
         }
         let length = (count / STRETCHES).max(1);
-        for stretch in log.residual_m[record.run_in..].chunks(length).filter(|s| s.len() == length) {
-            let mean2 = stretch.iter().map(|r| r * r).sum::<f64>() / length as f64;
+        let rows: Vec<usize> = (record.run_in..y.len()).collect();
+        for stretch in rows.chunks_exact(length) {
+            let kept = || stretch.iter().filter(|k| !record.has_lost(**k));
+            let mean2 = kept().map(|k| log.residual_m[*k].powi(2)).sum::<f64>() / kept().count().max(1) as f64;
             stretches.push((mean2 - noise2).max(0.0));
         }
         for k in fitted {
-            if y[k] == y[k - 1] && record.lattice_m == 0.0 {
+            if record.has_lost(k) {
                 continue;
             }
             // Half the squared difference of neighbours: what is slow drops out.
@@ -87,8 +87,8 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
         jitter_sigma_s: 0.5 * slope_sigma / slope.max(slope_sigma).sqrt(),
         jitter_m2: slope.max(0.0) * mean_v2,
         moving_m2: squares / count - foot,
-        repeated_share: if repeats.0 >= LEAST_REPEATS { repeats.0 as f64 / count } else { 0.0 },
-        repeated_m2: if repeats.0 >= LEAST_REPEATS { repeats.1.max(0.0) / count } else { 0.0 },
+        repeated_share: repeats.0 as f64 / count,
+        repeated_m2: f64::max(repeats.1, 0.0) / count,
         unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
         multiplied_m2: multiplied.max(0.0) * mean_y2,
     }

@@ -67,9 +67,11 @@ pub(super) fn named<'c>(bench: &Bench<'_>, course: &'c Course) -> (Verdict, Opti
     }
 }
 
-/// Probabilities of all entries, most probable first. An explanation of several members gives each its share.
+/// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives each its
+/// share.
 pub(super) fn ranking(
     course: &Course,
+    [no_gap, unknown]: [f64; 2],
     named: Option<&Explanation>,
     shares: &[ShareOf],
     beyond_stated: Option<&Random>,
@@ -97,12 +99,12 @@ pub(super) fn ranking(
     }
     match beyond_stated {
         Some(random) => {
-            add(random.effect.id(), CONFIDENCE * course.no_gap);
-            add("no_gap", (1.0 - CONFIDENCE) * course.no_gap);
+            add(random.effect.id(), CONFIDENCE * no_gap);
+            add("no_gap", (1.0 - CONFIDENCE) * no_gap);
         }
-        None => add("no_gap", course.no_gap),
+        None => add("no_gap", no_gap),
     }
-    add("unknown", course.unknown);
+    add("unknown", unknown);
     let sum: f64 = ranking.iter().map(|ranked| ranked.probability).sum();
     ranking.iter_mut().for_each(|ranked| ranked.probability /= sum);
     ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
