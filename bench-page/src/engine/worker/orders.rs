@@ -1,0 +1,260 @@
+//! What others wish: each wish has one answer, and a refusal says what to do.
+
+use super::super::{Order, Wish};
+use super::{Hosted, Play, Worker, connect};
+use crate::engine::model::judge;
+use crate::parameters;
+use crate::recorder::{Recorder, Subject, file_name, free_name};
+use control_core::{GeneratorState, ModeName};
+use hil_bridge::run_directory::RunError;
+use hil_bridge::session::SessionError;
+use plant_sim::controller::Controller;
+use plant_sim::spec::{Spec, Unit};
+use std::path::PathBuf;
+use virtual_board::waveform::Waveform;
+use wire::{Parameters, ToBoard};
+
+/// Sets of parameters that can be gone back to.
+const UNDO: usize = 100;
+/// Folder of the saved sets, beside the runs.
+pub const SETS: &str = "sets";
+
+impl Worker<'_> {
+    pub(super) fn obey(&mut self, order: Order) {
+        let Order { wish, answer } = order;
+        if self.is_set_running && !matches!(wish, Wish::Stop(_)) {
+            let _ = answer.send(Err("the experiment set runs: stop it first".to_owned()));
+            return;
+        }
+        if let Wish::Experiments = wish {
+            return self.run_set(answer);
+        }
+        let done = self.carry_out(wish);
+        self.publish();
+        let _ = answer.send(done);
+    }
+
+    pub(super) fn carry_out(&mut self, wish: Wish) -> Result<String, String> {
+        match wish {
+            Wish::Arm => self.arm(),
+            Wish::Run => self.order(&ToBoard::Run).map(|()| self.say(format!("running {}", self.play.text))),
+            Wish::Stop(why) => self.stop(why),
+            Wish::ClearFault => {
+                self.order(&ToBoard::ClearFault)?;
+                self.fault = None;
+                Ok(self.say("fault cleared".to_owned()))
+            }
+            Wish::Play(text) => self.set_play(&text),
+            Wish::Apply(values) => {
+                let before = self.parameters()?;
+                let after = parameters::changed(&before, &values)?;
+                self.set_parameters(&before, after, true)
+            }
+            Wish::Undo => {
+                let before = self.parameters()?;
+                let Some(earlier) = self.undo.last().copied() else { return Err("nothing to undo".to_owned()) };
+                let done = self.set_parameters(&before, earlier, false)?;
+                self.undo.pop();
+                Ok(done)
+            }
+            Wish::Save(name) => self.save(&name),
+            Wish::Load(name) => {
+                let before = self.parameters()?;
+                let controller = Controller::read(&self.set_path(&name)?).map_err(|error| error.to_string())?;
+                let after = before.with_settings(&controller.settings(self.setting.rate_hz));
+                self.set_parameters(&before, after, true).map(|done| format!("{name}: {done}"))
+            }
+            Wish::Record(name) => self.record(&name),
+            Wish::EndRecord => match self.end_recording(None) {
+                Some(line) => Ok(line),
+                None => Err("nothing is being recorded".to_owned()),
+            },
+            Wish::Diagnose => self.diagnose(),
+            Wish::AddEffect => self.add_effect(),
+            Wish::Reconnect => self.reconnect(),
+            // Answered before, because it takes long.
+            Wish::Experiments => Ok(String::new()),
+        }
+    }
+
+    /// One request; a board that does not answer any more is given up.
+    pub(super) fn order(&mut self, request: &ToBoard<'_>) -> Result<(), String> {
+        match self.line()?.session.order(request) {
+            Ok(()) => {
+                self.refresh();
+                Ok(())
+            }
+            Err(error @ SessionError::Refused { .. }) => Err(error.to_string()),
+            Err(error) => {
+                self.lose(&error);
+                Err(error.to_string())
+            }
+        }
+    }
+
+    /// The mode as the board has it now; a sample would tell it, too, but not before the answer to a click.
+    pub(super) fn refresh(&mut self) {
+        if let Some(line) = &mut self.line
+            && let Ok(account) = line.session.status()
+        {
+            line.mode = account.mode;
+            line.account = account;
+        }
+    }
+
+    pub(super) fn arm(&mut self) -> Result<String, String> {
+        if self.mode() == Some(ModeName::Idle) {
+            let Play { waveform, is_closed_loop, .. } = &self.play;
+            let Some(line) = &mut self.line else { return Err("there is no board: reconnect".to_owned()) };
+            waveform.send(*is_closed_loop, |request| line.session.order(request)).map_err(|error| error.to_string())?;
+        }
+        self.order(&ToBoard::Arm)?;
+        Ok(self.say("armed: Run starts the loop".to_owned()))
+    }
+
+    pub(super) fn stop(&mut self, why: &str) -> Result<String, String> {
+        self.set_stopped = true;
+        match self.mode() {
+            None => return Err("there is no board to stop".to_owned()),
+            Some(ModeName::Idle | ModeName::Stopping | ModeName::Fault) => return Ok("nothing runs".to_owned()),
+            Some(ModeName::Armed | ModeName::Running) => {}
+        }
+        if let Err(error) = self.line()?.session.stop() {
+            self.lose(&error);
+            return Err(error.to_string());
+        }
+        self.refresh();
+        Ok(self.say(format!("stopped: {why}")))
+    }
+
+    pub(super) fn laid_out(&self, text: &str) -> Result<Play, String> {
+        let spec = Spec::parse(text).map_err(|error| error.to_string())?;
+        let waveform = Waveform::new(&spec, self.setting.rate_hz).map_err(|error| error.to_string())?;
+        Ok(Play { text: text.to_owned(), waveform, is_closed_loop: spec.unit != Some(Unit::Volt) })
+    }
+
+    pub(super) fn set_play(&mut self, text: &str) -> Result<String, String> {
+        let play = self.laid_out(text)?;
+        match self.mode() {
+            Some(ModeName::Running) => {
+                self.hosted = Some(Hosted {
+                    waveform: play.waveform.clone(),
+                    is_closed_loop: play.is_closed_loop,
+                    state: GeneratorState::default(),
+                    told: None,
+                });
+            }
+            Some(ModeName::Armed) => {
+                return Err("the board is armed with another waveform: run or stop first".to_owned());
+            }
+            _ => {}
+        }
+        self.play = play;
+        Ok(self.say(format!("plays {text}")))
+    }
+
+    pub(super) fn set_parameters(
+        &mut self,
+        before: &Parameters,
+        after: Parameters,
+        is_new: bool,
+    ) -> Result<String, String> {
+        let line = self.line()?;
+        let checked = after.check(&line.ready.board.converters).map_err(|error| error.to_string())?;
+        let latency_s = line.ready.latency_s;
+        let what = parameters::difference(before, &after);
+        if what.is_empty() {
+            return Ok("nothing changed".to_owned());
+        }
+        let warning = judge(&self.twin.chain, &after.settings(), latency_s).map_err(|error| error.to_string())??;
+        self.order(&ToBoard::SetParameters(after))?;
+        let line = self.line()?;
+        line.ready.parameters = after;
+        line.ready.checked = checked;
+        if is_new {
+            self.undo.push(*before);
+            if self.undo.len() > UNDO {
+                self.undo.remove(0);
+            }
+        }
+        if let Some(warning) = warning {
+            self.event(true, warning);
+        }
+        Ok(self.say(what))
+    }
+
+    /// Where a set of this name is: a controller file, so that every command takes it.
+    pub(super) fn set_path(&self, name: &str) -> Result<PathBuf, String> {
+        match file_name(name) {
+            stem if stem.is_empty() => Err("give the set a name".to_owned()),
+            stem => Ok(self.setting.runs.join(SETS).join(format!("{stem}.toml"))),
+        }
+    }
+
+    pub(super) fn save(&mut self, name: &str) -> Result<String, String> {
+        let path = self.set_path(name)?;
+        let settings = self.parameters()?.settings();
+        let folder = self.setting.runs.join(SETS);
+        std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        parameters::controller(name, &settings).write(&path).map_err(|error| error.to_string())?;
+        Ok(self.say(format!("saved {}", path.display())))
+    }
+
+    pub(super) fn record(&mut self, name: &str) -> Result<String, String> {
+        if self.recorder.is_some() {
+            return Err("a recording is being made: end it first".to_owned());
+        }
+        let stem = Some(file_name(name)).filter(|stem| !stem.is_empty()).unwrap_or_else(|| "run".to_owned());
+        let path = free_name(&self.setting.runs, &stem).map_err(|error| error.to_string())?;
+        self.begin_recording(path, 0).map_err(|error| error.to_string())?;
+        let name = self.recorder.as_ref().map(|recorder| recorder.path.display().to_string()).unwrap_or_default();
+        Ok(self.say(format!("records into {name}")))
+    }
+
+    pub(super) fn begin_recording(&mut self, path: PathBuf, samples: usize) -> Result<(), RunError> {
+        let Some(line) = &self.line else { return Ok(()) };
+        let plant = self.setting.bench.as_ref().unwrap_or(&self.setting.plant);
+        let subject = Subject {
+            place: &self.setting.place,
+            ready: &line.ready,
+            plant: (&plant.name, &plant.bytes),
+            spec: &self.play.text,
+            samples,
+            seed: self.setting.seed,
+        };
+        self.recorder = Some(Recorder::begin(&path, &subject)?);
+        Ok(())
+    }
+
+    /// Ends a recording, by hand or because it can't go on; then the loop is stopped, as `hysteron hil` does.
+    pub(super) fn end_recording(&mut self, error: Option<&str>) -> Option<String> {
+        let recorder = self.recorder.take()?;
+        let (path, rows) = (recorder.path.display().to_string(), recorder.rows);
+        let finished = match &self.line {
+            Some(line) => recorder.finish(line.session.statistics(), self.fault).map_err(|error| error.to_string()),
+            None => Ok(()),
+        };
+        let error = error.map(str::to_owned).or(finished.err());
+        Some(match error {
+            None => self.say(format!("recorded {rows} rows in {path}")),
+            Some(error) => {
+                let line = format!("the recording ended after {rows} rows, which are there: {error}");
+                self.event(true, line.clone());
+                let _ = self.stop("the recording can't go on");
+                line
+            }
+        })
+    }
+
+    pub(super) fn reconnect(&mut self) -> Result<String, String> {
+        if self.line.is_some() {
+            return Err("the board is there".to_owned());
+        }
+        let line = connect(&self.setting, false).map_err(|error| error.to_string())?;
+        self.line = Some(line);
+        self.lost = None;
+        self.fault = None;
+        self.restart();
+        Ok(self.say("the board is back".to_owned()))
+    }
+}

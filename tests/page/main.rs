@@ -1,0 +1,147 @@
+//! `hysteron serve` as its user sees it: a page in a headless Chromium, from arming to a smaller gap; and calls that can't be meant.
+
+mod browser;
+#[path = "../support/mod.rs"]
+mod support;
+
+use browser::{Browser, chromium};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use support::{Folder, PI1, PLANT, root};
+
+/// A running server, ended when dropped.
+struct Served {
+    child: Child,
+    /// The address that it printed.
+    address: String,
+}
+
+impl Served {
+    fn start(folder: &Folder, more: &str) -> Served {
+        let words = format!("serve --plant {PLANT} --controller {PI1} --port 0 --runs @/runs {more}");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+            .current_dir(root())
+            .args(words.split_whitespace().map(|word| folder.fill_in(word)))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the command starts");
+        let mut address = String::new();
+        BufReader::new(child.stdout.take().expect("a pipe")).read_line(&mut address).expect("a first line");
+        Served { child, address: address.trim().to_owned() }
+    }
+
+    fn host(&self) -> &str {
+        self.address.strip_prefix("http://").and_then(|rest| rest.split('/').next()).expect("an address")
+    }
+
+    /// The first line and the rest of what an HTTP request is answered with.
+    fn request(&self, path: &str, headers: &str) -> String {
+        let mut stream = TcpStream::connect(self.host()).expect("a port");
+        write!(stream, "GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n").expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("an answer");
+        answer
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The nominal plant with noise and an effect that it lacks: creep of 12 %, as a model file.
+fn bench(folder: &Folder) {
+    let nominal = std::fs::read_to_string(root().join(PLANT)).expect("ours");
+    let hidden = "\n[sensor]\nnoise_um = { value = 0.02, source = \"test\" }\n\n[[effect]]\nid = \"creep\"\nform = \"kelvin-voigt\"\n\
+                  [effect.parameters]\nstiffness_ratio = { value = 0.12 }\ntime_constant_s = { value = 0.08 }\n";
+    folder.write("bench.toml", nominal + hidden);
+}
+
+const MODE: &str = "document.getElementById('mode').textContent";
+
+#[test]
+fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
+    let Some(program) = chromium() else {
+        println!("not run: no chromium on this machine");
+        return;
+    };
+    let folder = Folder::new("page");
+    bench(&folder);
+    let served = Served::start(&folder, "--bench @/bench.toml");
+    let mut page = Browser::start(&program, &folder.path("profile"));
+    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR")).join("page");
+    std::fs::create_dir_all(&pictures).expect("room on the disk");
+
+    // Arm in two actions, and a step.
+    page.open(&served.address);
+    page.wait(&format!("{MODE} === 'idle'"), 20);
+    assert_eq!(page.eval("document.getElementById('arm').disabled"), true, "a page that only watches moves nothing");
+    page.click("control");
+    page.fill("amplitude", "60");
+    page.click("play");
+    page.click("arm");
+    page.wait(&format!("{MODE} === 'armed'"), 10);
+    page.click("run");
+    page.wait(&format!("{MODE} === 'running'"), 10);
+    page.wait("Math.abs(Number(document.getElementById('now-displacement').textContent) - 60) < 0.5", 10);
+
+    // A new SPEC and another Kp while it runs, recorded.
+    page.fill("record-name", "tuned");
+    page.click("record");
+    page.wait("document.getElementById('recording').textContent.includes('rows')", 10);
+    page.fill("spec", "sine:40um@20Hz");
+    page.click("play");
+    page.wait("document.getElementById('playing').textContent.includes('sine:40um@20Hz')", 10);
+    page.fill("parameter-kp", "0.6");
+    page.click("apply");
+    page.wait("document.getElementById('events').textContent.includes('Kp 0.85811 -> 0.6 V/um')", 10);
+    page.wait("!document.getElementById('undo').disabled", 10);
+    page.picture(1280, 720, &pictures.join("running-1280.png"));
+    page.eval("document.getElementById('theme').click()");
+    page.picture(1920, 1080, &pictures.join("running-1920-other.png"));
+    page.click("record");
+    page.wait("document.getElementById('events').textContent.includes('rows in')", 10);
+
+    // Escape stops from wherever the focus is.
+    page.eval("document.getElementById('spec').focus()");
+    page.key("Escape", 27);
+    page.wait(&format!("{MODE} === 'idle'"), 10);
+    let log = folder.read("runs/tuned/log.csv");
+    assert!(log.lines().count() > 1000, "{}", log.lines().count());
+    assert!(folder.read("runs/tuned/events.jsonl").contains("-> 0.6"), "what was done is beside the rows");
+
+    // The experiment set, a diagnosis, the effect into the plant, the set again.
+    page.eval("document.querySelector('[data-tab=diagnosis]').click()");
+    page.click("arm");
+    page.click("experiments");
+    page.wait("document.getElementById('passes').dataset.gaps", 60);
+    page.click("diagnose");
+    page.wait("document.querySelector('.verdict')", 240);
+    let found = page.eval("document.querySelector('.verdict').textContent");
+    assert!(found.as_str().is_some_and(|sentence| sentence.contains("creep")), "{found}");
+    page.picture(1280, 720, &pictures.join("diagnosis-1280.png"));
+    page.eval("document.getElementById('theme').click()");
+    page.picture(1920, 1080, &pictures.join("diagnosis-1920-other.png"));
+    page.click("add-effect");
+    page.click("arm");
+    page.click("experiments");
+    page.wait("document.getElementById('passes').dataset.gaps.split(' ').length === 2", 60);
+    let gaps = page.eval("document.getElementById('passes').dataset.gaps.split(' ').map(Number)");
+    let (before, after) = (gaps[0].as_f64().expect("a number"), gaps[1].as_f64().expect("a number"));
+    // What stays is the sensor's noise of 20 nm and the converter's 18 nm, together 27 nm; the effect is a micrometre.
+    assert!(after < 0.2 * before && after < 0.05, "{before} um, then {after} um");
+    page.picture(1920, 1080, &pictures.join("after-1920.png"));
+
+    // The report is where its link says, and the page never spoke to anybody else.
+    let report = page.eval("document.querySelector('#found a').getAttribute('href')");
+    let answer = served.request(report.as_str().expect("a link"), &format!("Host: {}\r\n", served.host()));
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("Diagnosis of the bench"), "{answer:.300}");
+    let asked =
+        page.eval("performance.getEntriesByType('resource').every(entry => entry.name.startsWith(location.origin))");
+    assert_eq!(asked, true);
+    println!("pictures: {}", pictures.display());
+}
