@@ -90,7 +90,13 @@ bench.addEventListener('state', ({ detail: state }) => {
   tree.state(state);
   diagnosis.state(state);
 });
+// A socket may be well while the engine waits for a link that hangs: then its statuses stay the same.
+let heard = { number: 0, at: performance.now() };
+const HANGS = 'The engine does not answer: the link to the board may hang. Use the wired stop';
 bench.addEventListener('status', ({ detail }) => {
+  if (detail.number !== heard.number) heard = { number: detail.number, at: performance.now() };
+  if (performance.now() - heard.at > 1500) banner(HANGS);
+  else if (el('banner').textContent === HANGS) banner('');
   show(detail);
   drive.status(detail);
   diagnosis.status(detail);

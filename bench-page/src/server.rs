@@ -22,6 +22,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use std::future::IntoFuture;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -95,7 +96,7 @@ impl Server {
         format!("http://{}/#token={}", self.at, self.token.text())
     }
 
-    /// Serves until the process ends.
+    /// Serves until the process is asked to end; then the board is left idle.
     ///
     /// # Errors
     /// The port is lost.
@@ -111,9 +112,33 @@ impl Server {
             });
             tokio::spawn(watch_lease(served.clone()));
             let listener = tokio::net::TcpListener::from_std(self.listener)?;
-            axum::serve(listener, router(served)).await
+            let engine = served.engine.clone();
+            tokio::select! {
+                served = axum::serve(listener, router(served)).into_future() => served,
+                () = asked_to_end() => {
+                    // A board that can't be left in order ramps down by itself when it misses us.
+                    let _ = engine.ask(Wish::Leave).await;
+                    Ok(())
+                }
+            }
         })
     }
+}
+
+/// Waits for Ctrl-C or, where there is one, a signal to terminate.
+async fn asked_to_end() {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminate.recv() => {}
+            }
+            return;
+        }
+    }
+    let _ = tokio::signal::ctrl_c().await;
 }
 
 fn router(served: Arc<Served>) -> Router {
@@ -204,15 +229,6 @@ enum Asked {
     Want { span: u64, spectrum: bool },
     Runs,
     Compare { names: Vec<String> },
-}
-
-/// A request with the number that its answer carries.
-#[derive(Debug, Deserialize)]
-struct Numbered {
-    #[serde(default)]
-    id: u32,
-    #[serde(flatten)]
-    asked: Asked,
 }
 
 /// Counts a page as long as it is there.
@@ -367,9 +383,12 @@ impl Page {
     }
 
     async fn answer(&mut self, text: &str) -> Vec<Message> {
-        let Numbered { id, asked } = match serde_json::from_str(text) {
-            Ok(numbered) => numbered,
-            Err(error) => return vec![reply(0, Err(format!("not understood: {error}")), Value::Null)],
+        let value: Value = serde_json::from_str(text).unwrap_or_default();
+        // The number that the answer carries; a request without one gets it all the same.
+        let id = value["id"].as_u64().and_then(|id| u32::try_from(id).ok()).unwrap_or(0);
+        let asked = match Asked::deserialize(value) {
+            Ok(asked) => asked,
+            Err(error) => return vec![reply(id, Err(format!("not understood: {error}")), Value::Null)],
         };
         let done = match asked {
             Asked::Beat => {

@@ -117,6 +117,8 @@ pub enum Wish {
     AddEffect,
     /// Ask a lost board back.
     Reconnect,
+    /// The end: the drive ramps down, the board is left idle, the engine ends.
+    Leave,
 }
 
 /// A wish and whom to answer: `Ok` with a line to show, `Err` with a line that says what to do.

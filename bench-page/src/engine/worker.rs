@@ -30,6 +30,8 @@ use wire::{Parameters, Status, ToBoard};
 const CHUNK: Duration = Duration::from_millis(8);
 /// Samples between two looks at the clock.
 const STRIDE: u64 = 16;
+/// Values of a waveform that are made at once.
+const AHEAD: usize = 256;
 /// A loop that is behind wall time by so much has lost it, and does not run after it.
 const BEHIND: Duration = Duration::from_millis(100);
 /// How often the state of the moment is published.
@@ -63,7 +65,23 @@ struct Hosted {
     waveform: Waveform,
     is_closed_loop: bool,
     state: GeneratorState,
+    /// Values that were made ahead.
+    ahead: VecDeque<f32>,
     told: Option<f32>,
+}
+
+impl Hosted {
+    fn next(&mut self, rate_hz: f32) -> Option<f32> {
+        if self.ahead.is_empty() {
+            // A table is looked through as a segment is built, so that is not done for every sample.
+            let segments = self.waveform.segments.iter();
+            let built: Vec<Segment<'_>> =
+                segments.filter_map(|segment| segment.build(rate_hz, &self.waveform.table).ok()).collect();
+            let generator = Generator::new(&built);
+            self.ahead.extend((0..AHEAD).map(|_| generator.next(&mut self.state)));
+        }
+        self.ahead.pop_front()
+    }
 }
 
 /// Samples and wall time that belong together.
@@ -102,6 +120,9 @@ struct Worker<'a> {
     asked: Instant,
     version: u64,
     events: u64,
+    /// Statuses published: a page sees by it that the engine still works.
+    statuses: u64,
+    has_left: bool,
 }
 
 /// Finds the board, says so, and works until nobody can ask any more.
@@ -160,6 +181,8 @@ impl<'a> Worker<'a> {
             asked: now,
             version: 0,
             events: 0,
+            statuses: 0,
+            has_left: false,
         };
         worker.play = worker.laid_out("step:20um").unwrap_or(worker.play);
         worker.event(false, format!("{} is ready", worker.setting.place));
@@ -179,6 +202,9 @@ impl<'a> Worker<'a> {
             }
             while let Ok(order) = self.orders.try_recv() {
                 self.obey(order);
+            }
+            if self.has_left {
+                return;
             }
             if !self.is_resting() {
                 let due = self.due();
@@ -307,14 +333,7 @@ impl<'a> Worker<'a> {
     /// Tells the board the next value of a waveform that began while the loop ran, if it is another one.
     fn tell(&mut self) -> Result<(), SessionError> {
         let (Some(hosted), Some(line)) = (&mut self.hosted, &mut self.line) else { return Ok(()) };
-        let rate_hz = line.ready.parameters.rate_hz;
-        let segments: Vec<Segment<'_>> = hosted
-            .waveform
-            .segments
-            .iter()
-            .filter_map(|segment| segment.build(rate_hz, &hosted.waveform.table).ok())
-            .collect();
-        let value = Generator::new(&segments).next(&mut hosted.state);
+        let Some(value) = hosted.next(line.ready.parameters.rate_hz) else { return Ok(()) };
         if hosted.told != Some(value) {
             let request = if hosted.is_closed_loop {
                 ToBoard::Reference { reference_m: value }

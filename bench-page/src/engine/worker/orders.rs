@@ -10,6 +10,7 @@ use hil_bridge::run_directory::RunError;
 use hil_bridge::session::SessionError;
 use plant_sim::controller::Controller;
 use plant_sim::spec::{Spec, Unit};
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::{Parameters, ToBoard};
@@ -22,7 +23,7 @@ pub const SETS: &str = "sets";
 impl Worker<'_> {
     pub(super) fn obey(&mut self, order: Order) {
         let Order { wish, answer } = order;
-        if self.is_set_running && !matches!(wish, Wish::Stop(_)) {
+        if self.is_set_running && !matches!(wish, Wish::Stop(_) | Wish::Leave) {
             let _ = answer.send(Err("the experiment set runs: stop it first".to_owned()));
             return;
         }
@@ -72,6 +73,11 @@ impl Worker<'_> {
             Wish::Diagnose => self.diagnose(),
             Wish::AddEffect => self.add_effect(),
             Wish::Reconnect => self.reconnect(),
+            Wish::Leave => {
+                self.leave();
+                self.has_left = true;
+                Ok("the board is idle".to_owned())
+            }
             // Answered before, because it takes long.
             Wish::Experiments => Ok(String::new()),
         }
@@ -141,6 +147,7 @@ impl Worker<'_> {
                     waveform: play.waveform.clone(),
                     is_closed_loop: play.is_closed_loop,
                     state: GeneratorState::default(),
+                    ahead: VecDeque::new(),
                     told: None,
                 });
             }

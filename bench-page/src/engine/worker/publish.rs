@@ -50,6 +50,7 @@ impl Worker<'_> {
 
     pub(super) fn publish(&mut self) {
         self.published = Instant::now();
+        self.statuses += 1;
         let lamps = self.lamps.iter().enumerate().filter(|(_, lamp)| lamp.is_some_and(|at| at.elapsed() < LAMP));
         let limits = lamps.fold(0, |bits, (bit, _)| bits | 1 << bit);
         let words: Vec<&str> = Limits::from_bits(limits).words().collect();
@@ -61,6 +62,7 @@ impl Worker<'_> {
         let link = self.line.as_ref().map(|line| line.session.statistics());
         let status = json!({
             "kind": "status",
+            "number": self.statuses,
             "mode": self.mode().map_or("no board", ModeName::word),
             "lost": self.lost,
             "fault": self.fault.map(|fault| fault.word().replace('_', " ")),
