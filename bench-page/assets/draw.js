@@ -50,7 +50,7 @@ export function short(value, step) {
 /** Four significant digits, for tables and readouts. */
 export function four(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return '–';
-  if (value !== 0 && (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6)) return value.toExponential(2).replace('-', '−');
+  if (value !== 0 && (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e7)) return value.toExponential(2).replace('-', '−');
   return Number(value.toPrecision(4)).toString().replace('-', '−');
 }
 

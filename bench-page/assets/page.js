@@ -22,6 +22,7 @@ function banner(text) {
 }
 
 const ui = {
+  note,
   complain: (text) => note(text, true),
   /** Asks for something and shows the answer; whether it was done. */
   order: async (what, more) => {
@@ -79,7 +80,8 @@ bench.addEventListener('frame', ({ detail: frame }) => {
 });
 bench.addEventListener('page', ({ detail }) => {
   own = detail;
-  const lost = own.lost_frames ? `${own.lost_frames} frames lost, ${own.lost_samples} samples` : 'no frame lost';
+  const samples = own.lost_samples ? `${own.lost_samples} samples lost` : 'no sample lost';
+  const lost = own.lost_frames ? `${own.lost_frames} frames left out, ${samples}` : 'no frame left out';
   el('stream').textContent = `${own.watchers} ${own.watchers === 1 ? 'page' : 'pages'}; ${lost}`;
   document.body.dataset.control = own.control;
 });

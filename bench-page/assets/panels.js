@@ -62,7 +62,7 @@ export class Drive {
       event.preventDefault();
       if (this.isRecording) ui.order('end-record'); else ui.order('record', { name: el('record-name').value });
     });
-    this.lastEvent = 0;
+    Object.assign(this, { ui, lastEvent: 0 });
   }
 
   begin(hello) {
@@ -83,6 +83,11 @@ export class Drive {
 
   state(state) {
     el('playing').textContent = `in use: ${state.play.text}${state.play.is_hosted ? ', told by this host' : ''}`;
+    const last = state.events.at(-1);
+    if (last && last.number > this.lastEvent) {
+      this.lastEvent = last.number;
+      this.ui.note(last.text, last.is_warning);
+    }
     el('events').replaceChildren(...state.events.slice(-40).reverse().map((event) => {
       const line = make('li', undefined, event.is_warning ? 'warning' : '');
       line.append(make('time', `${event.time_s.toFixed(2)} s`), event.text);
@@ -124,7 +129,7 @@ export class Tree {
         Object.assign(input, { id: `parameter-${field.key}`, type: 'number', step: 'any', min: field.least, max: field.most, required: true });
         input.addEventListener('input', () => this.mark());
         this.inputs.set(field.key, input);
-        return [name, input, field.unit];
+        return [name, input, field.unit.replace('^2', '²')];
       }), 'tree');
       part.querySelector('thead').remove();
       fields.forEach((field, k) => { rows[k].dataset.key = field.key; });
@@ -260,6 +265,7 @@ export class Runs {
     el('runs-refresh').addEventListener('click', () => this.refresh());
     el('compare').addEventListener('click', () => this.compare());
     el('compare').disabled = true;
+    new ResizeObserver(() => el('comparison').open && this.draw?.()).observe(el('compare-plot'));
   }
 
   begin(hello) {
@@ -283,7 +289,7 @@ export class Runs {
         const name = make('div', run.name);
         name.title = `${new Date(1000 * run.changed_s).toLocaleString()}, ${run.board}`;
         return [box, name, spec, run.seconds, run.fault === 'none' ? 'whole' : run.fault ?? 'cut short'];
-      }));
+      }), 'runs');
     } catch (error) {
       this.ui.complain(error.message);
     }
@@ -291,15 +297,18 @@ export class Runs {
 
   async compare() {
     try {
-      const { value: runs } = await this.bench.ask('compare', { names: [...this.chosen] });
+      const { value: runs } = await this.bench.ask('compare', { names: [...this.chosen].sort() });
       el('comparison').showModal();
-      const inks = drawRuns(el('compare-plot'), runs);
       const rows = table(el('compare-table'), ['', 'run', 'peak, um', 'error, um rms', 'peak, V'], runs.map((run) => {
         const mark = make('span', undefined, 'bar');
         mark.style.width = '28px';
         return [mark, run.name, run.peak_um, run.error_rms_um, run.peak_v];
       }));
-      [...rows].forEach((row, k) => { row.querySelector('.bar').style.background = inks[k]; });
+      this.draw = () => {
+        const inks = drawRuns(el('compare-plot'), runs);
+        [...rows].forEach((row, k) => { row.querySelector('.bar').style.background = inks[k]; });
+      };
+      this.draw();
     } catch (error) {
       this.ui.complain(error.message);
     }
@@ -322,7 +331,7 @@ export class Link {
       ['late, missing, out of order', `${link.late}, ${link.missing}, ${link.out_of_order}`],
       ['CRC errors, malformed, resyncs', `${link.crc_errors}, ${link.malformed}, ${link.resyncs}`],
       ['board: overruns, lost, bad frames', board ? `${board.overruns}, ${board.lost_samples}, ${board.bad_frames}` : '–'],
-      ['board: drive ready after', board ? `${board.ready_max_cycles} cycles at most` : '–'],
+      ['board: drive ready after', board ? (board.ready_max_cycles ? `${board.ready_max_cycles} cycles at most` : 'no cycles to count in process') : '–'],
       ['in real time at most', link.paced_at_most_hz ? `${four(link.paced_at_most_hz)} Hz` : '–'],
     ]);
     drawBins(el('round-trips'), status.round_trips, 'round trips, counted by the link’s own time');

@@ -207,7 +207,7 @@ export class Scope {
   }
 
   setCursors(on) {
-    this.cursors = on ? [0.33, 0.67] : null;
+    this.cursors = on ? [0.15, 0.4] : null;
     this.ui.cursors.setAttribute('aria-pressed', String(on));
   }
 

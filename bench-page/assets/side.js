@@ -91,7 +91,7 @@ export function drawBins(canvas, bins, words) {
   x.ticks = Array.from({ length: x.most - x.least + 1 }, (_, k) => x.least + k); x.words = (power) => times[power] ?? '';
   const y = { least: 0, most: Math.ceil(Math.log10(most)) + 0.3 };
   y.ticks = Array.from({ length: Math.ceil(y.most) }, (_, k) => k); y.words = (power) => (power < 4 ? String(10 ** power) : `1e${power}`);
-  const box = { x: 44, y: 6, w: width - 62, h: height - 34 };
+  const box = { x: 44, y: 6, w: width - 74, h: height - 34 };
   const { toX, toY } = axes(context, colour, box, x, y);
   context.fillStyle = colour.accent;
   for (const [us, count] of bins) {
@@ -112,9 +112,9 @@ export function drawRuns(canvas, runs) {
   const seconds = Math.max(...runs.map((run) => run.column_s * run.displacement_um[0].length));
   const parts = [
     ['displacement, um', (run) => run.displacement_um],
-    ['error (reference − displacement), um; where there is no reference: nothing', (run) => run.error_um],
+    ['error, um (runs that follow a reference)', (run) => run.error_um],
     ['command, V', (run) => run.command_v],
-  ];
+  ].filter(([, get]) => runs.some(get));
   const free = height - 40 - parts.length * 20;
   let y = 0;
   for (const [k, [words, get]] of parts.entries()) {

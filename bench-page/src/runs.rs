@@ -137,9 +137,12 @@ fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
         [of(f32::min), of(f32::max)]
     };
     let peak = |values: &[f64]| values.iter().fold(0.0, |peak: f64, value| peak.max(value.abs()));
+    // A run in open loop has a column of zeros.
+    let is_followed = |reference_m: &&Vec<f64>| reference_m.iter().any(|wanted| *wanted != 0.0);
     let error_m: Option<Vec<f64>> = log
         .reference_m
         .as_ref()
+        .filter(is_followed)
         .map(|reference_m| reference_m.iter().zip(&log.displacement_m).map(|(wanted, is)| wanted - is).collect());
     let rms = |values: &Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt();
     Ok(Compared {

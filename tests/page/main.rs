@@ -6,10 +6,10 @@ mod support;
 
 use browser::{Browser, chromium};
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, root};
+use support::{Folder, PI1, PLANT, root, run, stderr};
 
 /// A running server, ended when dropped.
 struct Served {
@@ -20,13 +20,14 @@ struct Served {
 
 impl Served {
     fn start(folder: &Folder, more: &str) -> Served {
+        Served::start_by(Command::new(env!("CARGO_BIN_EXE_hysteron")), folder, more)
+    }
+
+    /// As [`Served::start`], by a program that ends in the command.
+    fn start_by(mut command: Command, folder: &Folder, more: &str) -> Served {
         let words = format!("serve --plant {PLANT} --controller {PI1} --port 0 --runs @/runs {more}");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
-            .current_dir(root())
-            .args(words.split_whitespace().map(|word| folder.fill_in(word)))
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the command starts");
+        command.current_dir(root()).args(words.split_whitespace().map(|word| folder.fill_in(word)));
+        let mut child = command.stdout(Stdio::piped()).spawn().expect("the command starts");
         let mut address = String::new();
         BufReader::new(child.stdout.take().expect("a pipe")).read_line(&mut address).expect("a first line");
         Served { child, address: address.trim().to_owned() }
@@ -106,6 +107,19 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     page.click("record");
     page.wait("document.getElementById('events').textContent.includes('rows in')", 10);
 
+    // A capture with its past, cursors, and the other panels.
+    page.fill("trigger-level", "20");
+    page.click("single");
+    page.wait("document.getElementById('scope-state').textContent.includes('captured')", 10);
+    page.click("cursors");
+    page.eval("document.querySelector('[data-tab=parameters]').click()");
+    page.fill("parameter-ki", "0.5");
+    page.picture(1280, 800, &pictures.join("capture-1280.png"));
+    page.click("revert");
+    page.click("cursors");
+    page.click("pause");
+    page.wait("document.getElementById('scope-state').textContent === 'live'", 10);
+
     // Escape stops from wherever the focus is.
     page.eval("document.getElementById('spec').focus()");
     page.key("Escape", 27);
@@ -134,7 +148,21 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     let (before, after) = (gaps[0].as_f64().expect("a number"), gaps[1].as_f64().expect("a number"));
     // What stays is the sensor's noise of 20 nm and the converter's 18 nm, together 27 nm; the effect is a micrometre.
     assert!(after < 0.2 * before && after < 0.05, "{before} um, then {after} um");
+    page.wait("document.getElementById('speed').textContent.startsWith('runs at')", 10);
     page.picture(1920, 1080, &pictures.join("after-1920.png"));
+
+    // Two runs beside one another, and the link's histograms.
+    page.eval("document.querySelector('[data-tab=runs]').click()");
+    page.wait("document.querySelectorAll('#runs input').length >= 11", 10);
+    page.eval("[...document.querySelectorAll('#runs tr')].filter(row => row.textContent.includes('held-out')).forEach(row => row.querySelector('input').click())");
+    page.click("compare");
+    page.wait("document.querySelectorAll('#compare-table tbody tr').length === 2", 20);
+    page.picture(1280, 800, &pictures.join("compare-1280.png"));
+    page.eval("document.getElementById('comparison').close()");
+    page.picture(1280, 800, &pictures.join("runs-1280.png"));
+    page.eval("document.querySelector('[data-tab=link]').click()");
+    page.wait("document.getElementById('link').textContent.includes('round trip')", 10);
+    page.picture(1280, 800, &pictures.join("link-1280.png"));
 
     // The report is where its link says, and the page never spoke to anybody else.
     let report = page.eval("document.querySelector('#found a').getAttribute('href')");
@@ -144,4 +172,78 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
         page.eval("performance.getEntriesByType('resource').every(entry => entry.name.startsWith(location.origin))");
     assert_eq!(asked, true);
     println!("pictures: {}", pictures.display());
+}
+
+#[test]
+fn calls_that_cannot_be_meant_are_one_line_and_an_exit_code() {
+    let folder = Folder::new("serve-wrong");
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let port = taken.local_addr().expect("a port").port();
+    folder.write("file", "");
+    let own = format!("serve --plant {PLANT} --controller {PI1} --runs @/runs");
+    for (call, code, part) in [
+        (format!("{own} --port {port}"), 2, "name another with --port"),
+        (format!("{own} --port 0 --board tcp:127.0.0.1:1"), 2, "tcp:127.0.0.1:1"),
+        (format!("{own} --port 0 --board serial:@/none"), 2, "plug the board in"),
+        (format!("{own} --port 0 --board virtual"), 2, "--image"),
+        (format!("{own} --port 0 --listen nowhere"), 2, "--listen"),
+        (format!("{own} --port 0 --rate 12345"), 2, "rate"),
+        (format!("{own} --port 0 --rate 5000"), 2, "unstable"),
+        (format!("serve --plant {PLANT} --controller {PI1} --port 0 --runs @/file"), 2, "cannot be written"),
+        (format!("serve --plant @/none.toml --controller {PI1} --port 0"), 3, "none.toml"),
+        (
+            format!("serve --plant {PLANT} --controller controllers/pi1-unlimited.toml --port 0 --runs @/runs"),
+            2,
+            "finite",
+        ),
+    ] {
+        let output = run(&folder, &call);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{call}: {said}");
+        assert!(said.contains(part) && said.lines().count() == 1, "{call}: {said}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_ends_the_recording_in_one_line_and_stops_the_board() {
+    let Some(program) = chromium() else {
+        println!("not run: no chromium on this machine");
+        return;
+    };
+    let folder = Folder::new("page-full");
+    let mut bash = Command::new("bash");
+    // 128 blocks for any file of this process: as a disk that is full, without filling one.
+    bash.args(["-c", "trap '' XFSZ; ulimit -f 128; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_hysteron")]);
+    let mut served = Served::start_by(bash, &folder, "");
+    let mut page = Browser::start(&program, &folder.path("profile"));
+    page.open(&served.address);
+    for button in ["control", "record", "arm", "run"] {
+        page.click(button);
+    }
+    page.wait("document.getElementById('events').textContent.includes('log.csv: cannot be written')", 20);
+    page.wait(&format!("{MODE} === 'idle'"), 10);
+    let log = folder.read("runs/run/log.csv");
+    assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
+
+    // A page of an earlier start is told that it is one.
+    let stale = format!("http://{}/#token=0123456789abcdef0123456789abcdef", served.host());
+    page.open(&stale);
+    page.wait("document.getElementById('banner').textContent.includes('of an earlier start')", 10);
+
+    // Space stops, too, but types in a text field; and the command leaves when it is asked to.
+    page.open(&served.address);
+    for button in ["control", "arm", "run"] {
+        page.click(button);
+    }
+    page.eval("document.getElementById('record-name').focus()");
+    page.key(" ", 32);
+    page.wait(&format!("{MODE} === 'running'"), 10);
+    page.eval("document.getElementById('record-name').blur()");
+    page.key(" ", 32);
+    page.wait(&format!("{MODE} === 'idle'"), 10);
+    let id = served.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &id]).status().expect("kill").success());
+    assert!(served.child.wait().expect("it ends").success());
+    page.wait("document.getElementById('banner').textContent.includes('is lost')", 10);
 }

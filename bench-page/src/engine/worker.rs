@@ -227,21 +227,27 @@ impl<'a> Worker<'a> {
 
     /// Samples that wall time asks for.
     fn due(&mut self) -> u64 {
-        let due = (self.pace.at.elapsed().as_secs_f64() * self.setting.rate_hz) as u64 + self.pace.samples;
-        let behind = due.saturating_sub(self.samples);
-        if behind as f64 > BEHIND.as_secs_f64() * self.setting.rate_hz {
-            self.pace.at = Instant::now();
-            self.pace.samples = self.samples;
-            return (CHUNK.as_secs_f64() * self.setting.rate_hz) as u64;
+        let rate_hz = self.setting.rate_hz;
+        let due = (self.pace.at.elapsed().as_secs_f64() * rate_hz) as u64 + self.pace.samples;
+        let slack = (BEHIND.as_secs_f64() * rate_hz) as u64;
+        // Behind, because the link is slow, or ahead, after a set that ran as fast as it could: wall time begins anew.
+        if self.samples.abs_diff(due) > slack {
+            self.begin_pace();
+            return (CHUNK.as_secs_f64() * rate_hz) as u64;
         }
-        behind
+        due.saturating_sub(self.samples)
+    }
+
+    /// From here on samples belong to wall time.
+    fn begin_pace(&mut self) {
+        self.pace.at = Instant::now();
+        self.pace.samples = self.samples;
     }
 
     /// Time until the next samples are due.
     fn wait(&mut self) -> Duration {
         if self.is_resting() {
-            self.pace.at = Instant::now();
-            self.pace.samples = self.samples;
+            self.begin_pace();
             return STATUS;
         }
         if self.due() > 0 { Duration::ZERO } else { Duration::from_millis(2) }
