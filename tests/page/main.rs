@@ -7,9 +7,9 @@ mod support;
 use browser::{Browser, chromium};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, root, run, stderr};
+use support::{Folder, PI1, PLANT, image, root, run, stderr};
 
 /// A running server, ended when dropped.
 struct Served {
@@ -62,6 +62,13 @@ fn bench(folder: &Folder) {
     folder.write("bench.toml", nominal + hidden);
 }
 
+/// Where the pictures go, to be looked at.
+fn pictures() -> PathBuf {
+    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR")).join("page");
+    std::fs::create_dir_all(&pictures).expect("room on the disk");
+    pictures
+}
+
 const MODE: &str = "document.getElementById('mode').textContent";
 
 #[test]
@@ -74,8 +81,7 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     bench(&folder);
     let served = Served::start(&folder, "--bench @/bench.toml");
     let mut page = Browser::start(&program, &folder.path("profile"));
-    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR")).join("page");
-    std::fs::create_dir_all(&pictures).expect("room on the disk");
+    let pictures = pictures();
 
     // Arm in two actions, and a step.
     page.open(&served.address);
@@ -172,6 +178,50 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
         page.eval("performance.getEntriesByType('resource').every(entry => entry.name.startsWith(location.origin))");
     assert_eq!(asked, true);
     println!("pictures: {}", pictures.display());
+}
+
+#[test]
+fn the_flash_image_over_tcp_is_driven_from_the_page() {
+    let (Some(program), Some(image)) = (chromium(), image()) else {
+        println!("not run: no chromium, or no compiler for the chip");
+        return;
+    };
+    let folder = Folder::new("page-image");
+    let mut board = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+        .current_dir(root())
+        .args(["board", "serve", &image, "--plant", PLANT, "--pace", "lockstep"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the command starts");
+    let mut line = String::new();
+    BufReader::new(board.stdout.take().expect("a pipe")).read_line(&mut line).expect("a first line");
+    let place = line.trim().strip_prefix("serving at ").expect("a place").to_owned();
+    {
+        let served = Served::start(&folder, &format!("--board tcp:{place}"));
+        let mut page = Browser::start(&program, &folder.path("profile"));
+        page.open(&served.address);
+        page.wait(&format!("{MODE} === 'idle'"), 20);
+        page.wait("document.getElementById('board').title.includes('firmware')", 10);
+        page.click("control");
+        page.fill("amplitude", "40");
+        page.click("play");
+        page.click("arm");
+        page.click("run");
+        page.wait("Math.abs(Number(document.getElementById('now-displacement').textContent) - 40) < 0.5", 30);
+        page.fill("parameter-kp", "0.6");
+        page.click("apply");
+        page.wait("document.getElementById('events').textContent.includes('-> 0.6 V/um')", 20);
+        // An emulated core is slower than wall time, and the page says so.
+        page.wait("/runs at 0\\.0*[1-9]/.test(document.getElementById('speed').textContent)", 20);
+        page.eval("document.querySelector('[data-tab=link]').click()");
+        page.wait("document.getElementById('link').textContent.includes('cycles at most')", 10);
+        page.picture(1280, 720, &pictures().join("image-1280.png"));
+        // A board that is pulled out while the loop runs.
+        board.kill().expect("it runs");
+        page.wait(&format!("{MODE} === 'no board'"), 20);
+        page.wait("document.getElementById('banner').textContent.startsWith('The board is lost')", 10);
+    }
+    board.wait().expect("it ended");
 }
 
 #[test]
