@@ -129,7 +129,7 @@ function show(now) {
   else if (el('banner').textContent.startsWith('The board is lost')) banner('');
   el('now-gap').textContent = digits(now?.gap_rms_um);
   const speed = now?.speed;
-  el('speed').textContent = now?.resting ? 'idle' : speed ? `runs at ${speed >= 0.995 && speed <= 1.005 ? '1' : speed.toPrecision(2)} x real time, ${now.time_s?.toFixed(1)} s simulated` : '';
+  el('speed').textContent = now?.resting ? 'idle' : speed ? `runs at ${speed >= 0.995 && speed <= 1.005 ? '1' : speed.toPrecision(2)} x real time, ${now.time_s?.toFixed(now.time_s < 10 ? 3 : 1)} s simulated` : '';
 }
 
 const digits = (value) => (Number.isFinite(value) ? value.toFixed(2).replace('-', '−') : '–');

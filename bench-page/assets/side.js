@@ -34,7 +34,13 @@ export function drawLoop(canvas, frame) {
 export function drawSpectrum(canvas, frame) {
   const colour = colours();
   const { context, width, height } = sheet(canvas, colour);
-  if (!frame || width < 120) return;
+  if (width < 120) return;
+  if (!frame) {
+    context.fillStyle = colour.soft;
+    context.textAlign = 'center';
+    context.fillText('off, or fewer than 4096 samples so far', width / 2, height / 2);
+    return;
+  }
   const line = frame.mark;
   const channels = [CHANNEL.displacement, CHANNEL.error, CHANNEL.gap];
   let [least, most] = [Infinity, -Infinity];

@@ -7,6 +7,7 @@ use crate::engine::{Found, Shared, Source, Task};
 use gap_diagnosis::diagnose::{Options, diagnose};
 use gap_diagnosis::locate::strongest;
 use plant_sim::log::{Log, ReadOptions, read};
+use plant_sim::model::Kind;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,8 +33,15 @@ pub struct Case {
 /// Begins a diagnosis in a thread of its own; `shared` learns its progress and its end.
 ///
 /// # Errors
-/// The thread can't be started.
+/// The plant can't be diagnosed, or the thread can't be started.
 pub fn begin(shared: Arc<Shared>, case: Case) -> Result<(), String> {
+    let kind = case.plant.model.kind;
+    if kind != Kind::Phs {
+        return Err(format!(
+            "a plant of kind {} can't be diagnosed: the registry's effects are stated about hysterons",
+            kind.name()
+        ));
+    }
     shared.set_task(Some(Task { what: "reading the logs".to_owned(), share: 0.0 }));
     let worker = shared.clone();
     let begun = std::thread::Builder::new().name("diagnosis".into()).spawn(move || {

@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn the_size_that_is_served_stays_within_20_mb() {
+    fn the_size_that_is_served_stays_within_25_mb() {
         let bytes = (RAW + (LEVELS - 1) * KEPT) * size_of::<Column>();
         assert!(bytes < 25_000_000, "{bytes}");
     }

@@ -14,6 +14,20 @@
 //!
 //! What it does not do: control law, plant, link and diagnosis are other rooms'. It draws nothing but its page, loads nothing from
 //! anywhere, and is no safety device: the wired stop is.
+//!
+//! A page's place in the stream needs neither server nor browser:
+//!
+//! ```
+//! use bench_page::history::{CHANNELS, Column, History};
+//! use bench_page::watch::Watch;
+//!
+//! let (mut history, mut watch) = (History::default(), Watch::default());
+//! watch.set_length(32, &history);
+//! (0..1000).for_each(|k| history.push(&Column::of([k as f32; CHANNELS], 0)));
+//! // 31 whole columns of 32 samples: least and greatest of each channel, and what limited it.
+//! let frame = watch.live(&history).expect("a column is whole");
+//! assert_eq!(frame.len(), 40 + 31 * (8 * CHANNELS + 1));
+//! ```
 
 pub mod access;
 pub mod diagnosis;

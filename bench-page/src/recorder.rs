@@ -96,6 +96,14 @@ impl Recorder {
             .map_err(|source| RunError::Unwritable { path: self.path.join("events.jsonl"), source })
     }
 
+    /// What there is of a recording that something ended.
+    ///
+    /// # Errors
+    /// [`RunError`].
+    pub fn keep(&mut self, statistics: &Statistics) -> Result<(), RunError> {
+        self.directory.keep(statistics)
+    }
+
     /// Ends it.
     ///
     /// # Errors

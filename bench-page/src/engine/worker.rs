@@ -28,8 +28,6 @@ use wire::{Parameters, Status, ToBoard};
 
 /// Longest time between two looks at the orders.
 const CHUNK: Duration = Duration::from_millis(8);
-/// Samples between two looks at the clock.
-const STRIDE: u64 = 16;
 /// Values of a waveform that are made at once.
 const AHEAD: usize = 256;
 /// A loop that is behind wall time by so much has lost it, and does not run after it.
@@ -259,7 +257,7 @@ impl<'a> Worker<'a> {
         let mut columns = Vec::new();
         let mut done = 0;
         while done < samples {
-            if done % STRIDE == 0 && begun.elapsed() >= CHUNK {
+            if begun.elapsed() >= CHUNK {
                 break;
             }
             match self.sample() {
@@ -394,13 +392,14 @@ impl<'a> Worker<'a> {
 
     /// Gives a board up that can't be spoken to. It ramps down by itself when it misses us.
     fn lose(&mut self, error: &SessionError) {
-        if self.line.is_none() {
-            return;
-        }
-        let _ = self.end_recording(Some(&error.to_string()));
-        self.line = None;
+        let Some(line) = self.line.take() else { return };
         self.hosted = None;
         self.lost = Some(error.to_string());
+        if let Some(mut recorder) = self.recorder.take() {
+            // Why it ended matters more than that this can't be written either.
+            let _ = recorder.keep(line.session.statistics());
+            self.event(true, format!("the recording ended after {} rows, which are there", recorder.rows));
+        }
         self.event(true, error.to_string());
     }
 

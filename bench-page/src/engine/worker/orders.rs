@@ -173,7 +173,11 @@ impl Worker<'_> {
         if what.is_empty() {
             return Ok("nothing changed".to_owned());
         }
-        let warning = judge(&self.twin.chain, &after.settings(), latency_s).map_err(|error| error.to_string())??;
+        // Not every diagnosed plant has regions that are linear: then the guards of the board are what there is.
+        let warning = match judge(&self.twin.chain, &after.settings(), latency_s) {
+            Ok(judged) => judged?,
+            Err(error) => Some(format!("margins not computed: {error}")),
+        };
         self.order(&ToBoard::SetParameters(after))?;
         let line = self.line()?;
         line.ready.parameters = after;
@@ -235,16 +239,21 @@ impl Worker<'_> {
 
     /// Ends a recording, by hand or because it can't go on; then the loop is stopped, as `hysteron hil` does.
     pub(super) fn end_recording(&mut self, error: Option<&str>) -> Option<String> {
-        let recorder = self.recorder.take()?;
+        let mut recorder = self.recorder.take()?;
         let (path, rows) = (recorder.path.display().to_string(), recorder.rows);
-        let finished = match &self.line {
-            Some(line) => recorder.finish(line.session.statistics(), self.fault).map_err(|error| error.to_string()),
-            None => Ok(()),
+        let statistics = self.line.as_ref().map(|line| line.session.statistics());
+        let ended = match (error, statistics) {
+            (None, Some(statistics)) => recorder.finish(statistics, self.fault).map_err(|error| error.to_string()),
+            (Some(error), Some(statistics)) => {
+                // The first failure is the one to tell.
+                let _ = recorder.keep(statistics);
+                Err(error.to_owned())
+            }
+            (error, None) => Err(error.unwrap_or("there is no board").to_owned()),
         };
-        let error = error.map(str::to_owned).or(finished.err());
-        Some(match error {
-            None => self.say(format!("recorded {rows} rows in {path}")),
-            Some(error) => {
+        Some(match ended {
+            Ok(()) => self.say(format!("recorded {rows} rows in {path}")),
+            Err(error) => {
                 let line = format!("the recording ended after {rows} rows, which are there: {error}");
                 self.event(true, line.clone());
                 let _ = self.stop("the recording can't go on");
