@@ -69,7 +69,7 @@ export function axes(context, colour, box, x, y) {
   context.setLineDash([]);
   context.textBaseline = 'middle';
   context.textAlign = 'right';
-  const rows = y.ticks ?? ticks(y.least, y.most, box.h / 34);
+  const rows = y.ticks ?? ticks(y.least, y.most, Math.max(3, box.h / 34));
   for (const value of rows) {
     const at = Math.round(toY(value)) + 0.5;
     context.strokeStyle = value === 0 ? colour.line : colour.grid;

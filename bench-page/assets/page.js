@@ -113,7 +113,7 @@ function show(now) {
   const mode = now?.mode ?? 'no board';
   el('mode').textContent = now?.is_set_running ? 'experiments' : mode;
   el('mode').dataset.mode = mode;
-  el('fault').hidden = !now?.fault;
+  el('fault-bar').hidden = !now?.fault;
   el('fault').textContent = now?.fault ? `fault: ${now.fault}` : '';
   const isMine = own.control === 'mine';
   el('control').textContent = isMine ? 'Release control' : own.control === 'other' ? 'Another page controls' : 'Take control';
@@ -123,8 +123,7 @@ function show(now) {
   el('arm').textContent = now?.lost ? 'Reconnect' : 'Arm';
   el('run').disabled = !isMine || mode !== 'armed';
   el('run').classList.toggle('ready', isMine && mode === 'armed');
-  el('clear').hidden = mode !== 'fault';
-  el('clear').disabled = !isMine;
+  el('clear').disabled = !isMine || mode !== 'fault';
   if (now?.lost) banner(`The board is lost: ${now.lost}`);
   else if (el('banner').textContent.startsWith('The board is lost')) banner('');
   el('now-gap').textContent = digits(now?.gap_rms_um);

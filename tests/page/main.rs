@@ -292,6 +292,16 @@ fn a_full_disk_ends_the_recording_in_one_line_and_stops_the_board() {
     page.eval("document.getElementById('record-name').blur()");
     page.key(" ", 32);
     page.wait(&format!("{MODE} === 'idle'"), 10);
+
+    // A fault is named where one looks, and left by hand.
+    page.fill("spec", "hold:70V");
+    page.click("play");
+    page.click("arm");
+    page.click("run");
+    page.wait("document.getElementById('fault').textContent === 'fault: displacement trip'", 10);
+    page.picture(1280, 720, &pictures().join("fault-1280.png"));
+    page.click("clear");
+    page.wait(&format!("{MODE} === 'idle'"), 10);
     let id = served.child.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &id]).status().expect("kill").success());
     assert!(served.child.wait().expect("it ends").success());
