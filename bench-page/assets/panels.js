@@ -237,7 +237,12 @@ export class Diagnosis {
     fact('held-out gap', `${four(gap.nominal_rms_um)} um rms as it was, ${four(gap.refit_rms_um)} refitted, ${four(gap.augmented_rms_um)} with the effect; noise ${four(gap.noise_rms_um)}`);
     fact('shrinks by', `${four(gap.shrink_percent)} % (${four(gap.shrink_percent_ci95[0])} to ${four(gap.shrink_percent_ci95[1])})`);
     for (const reason of found.class_reasons) fact('not told apart', reason);
-    if (found.next) fact('next', `${found.next.spec} splits ${found.next.splits.map(plain).join(', ')}`);
+    if (found.next) {
+      fact('next', `${found.next.spec} splits ${found.next.splits.map(plain).join(', ')}`);
+      const use = make('button', 'Put it into the generator');
+      use.addEventListener('click', () => { el('spec').value = found.next.spec; document.querySelector('[data-tab=drive]').click(); });
+      facts.lastChild.append(make('br'), use);
+    }
     const ranking = make('div');
     table(ranking, ['effect', '', 'probability, %'], found.ranking.map((ranked) => {
       const bar = make('span', undefined, 'bar');

@@ -69,6 +69,13 @@ fn pictures() -> PathBuf {
     pictures
 }
 
+/// Takes control again, should the browser have been too busy to keep it.
+fn hold(page: &mut Browser) {
+    page.wait("document.body.dataset.control !== 'other'", 10);
+    page.eval("document.body.dataset.control === 'mine' || document.getElementById('control').click()");
+    page.wait("document.body.dataset.control === 'mine'", 10);
+}
+
 const MODE: &str = "document.getElementById('mode').textContent";
 
 #[test]
@@ -136,9 +143,11 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
 
     // The experiment set, a diagnosis, the effect into the plant, the set again.
     page.eval("document.querySelector('[data-tab=diagnosis]').click()");
+    hold(&mut page);
     page.click("arm");
     page.click("experiments");
     page.wait("document.getElementById('passes').dataset.gaps", 60);
+    hold(&mut page);
     page.click("diagnose");
     page.wait("document.querySelector('.verdict')", 240);
     let found = page.eval("document.querySelector('.verdict').textContent");
@@ -146,6 +155,7 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     page.picture(1280, 720, &pictures.join("diagnosis-1280.png"));
     page.eval("document.getElementById('theme').click()");
     page.picture(1920, 1080, &pictures.join("diagnosis-1920-other.png"));
+    hold(&mut page);
     page.click("add-effect");
     page.click("arm");
     page.click("experiments");
@@ -177,6 +187,9 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     let asked =
         page.eval("performance.getEntriesByType('resource').every(entry => entry.name.startsWith(location.origin))");
     assert_eq!(asked, true);
+    page.open(&format!("http://{}{}", served.host(), report.as_str().expect("a link")));
+    page.wait("document.querySelectorAll('canvas').length > 3", 20);
+    page.picture(1280, 800, &pictures.join("report-1280.png"));
     println!("pictures: {}", pictures.display());
 }
 

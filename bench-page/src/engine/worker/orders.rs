@@ -35,7 +35,7 @@ impl Worker<'_> {
         let _ = answer.send(done);
     }
 
-    pub(super) fn carry_out(&mut self, wish: Wish) -> Result<String, String> {
+    fn carry_out(&mut self, wish: Wish) -> Result<String, String> {
         match wish {
             Wish::Arm => self.arm(),
             Wish::Run => self.order(&ToBoard::Run).map(|()| self.say(format!("running {}", self.play.text))),
@@ -99,7 +99,7 @@ impl Worker<'_> {
     }
 
     /// The mode as the board has it now; a sample would tell it, too, but not before the answer to a click.
-    pub(super) fn refresh(&mut self) {
+    fn refresh(&mut self) {
         if let Some(line) = &mut self.line
             && let Ok(account) = line.session.status()
         {
@@ -108,14 +108,19 @@ impl Worker<'_> {
         }
     }
 
-    pub(super) fn arm(&mut self) -> Result<String, String> {
+    fn arm(&mut self) -> Result<String, String> {
+        self.arm_board()?;
+        Ok(self.say("armed: Run starts the loop".to_owned()))
+    }
+
+    /// Gives an idle board what is to be played, and arms it.
+    pub(super) fn arm_board(&mut self) -> Result<(), String> {
         if self.mode() == Some(ModeName::Idle) {
             let Play { waveform, is_closed_loop, .. } = &self.play;
             let Some(line) = &mut self.line else { return Err("there is no board: reconnect".to_owned()) };
             waveform.send(*is_closed_loop, |request| line.session.order(request)).map_err(|error| error.to_string())?;
         }
-        self.order(&ToBoard::Arm)?;
-        Ok(self.say("armed: Run starts the loop".to_owned()))
+        self.order(&ToBoard::Arm)
     }
 
     pub(super) fn stop(&mut self, why: &str) -> Result<String, String> {
@@ -139,7 +144,7 @@ impl Worker<'_> {
         Ok(Play { text: text.to_owned(), waveform, is_closed_loop: spec.unit != Some(Unit::Volt) })
     }
 
-    pub(super) fn set_play(&mut self, text: &str) -> Result<String, String> {
+    fn set_play(&mut self, text: &str) -> Result<String, String> {
         let play = self.laid_out(text)?;
         match self.mode() {
             Some(ModeName::Running) => {
@@ -160,12 +165,7 @@ impl Worker<'_> {
         Ok(self.say(format!("plays {text}")))
     }
 
-    pub(super) fn set_parameters(
-        &mut self,
-        before: &Parameters,
-        after: Parameters,
-        is_new: bool,
-    ) -> Result<String, String> {
+    fn set_parameters(&mut self, before: &Parameters, after: Parameters, is_new: bool) -> Result<String, String> {
         let line = self.line()?;
         let checked = after.check(&line.ready.board.converters).map_err(|error| error.to_string())?;
         let latency_s = line.ready.latency_s;
@@ -195,14 +195,14 @@ impl Worker<'_> {
     }
 
     /// Where a set of this name is: a controller file, so that every command takes it.
-    pub(super) fn set_path(&self, name: &str) -> Result<PathBuf, String> {
+    fn set_path(&self, name: &str) -> Result<PathBuf, String> {
         match file_name(name) {
             stem if stem.is_empty() => Err("give the set a name".to_owned()),
             stem => Ok(self.setting.runs.join(SETS).join(format!("{stem}.toml"))),
         }
     }
 
-    pub(super) fn save(&mut self, name: &str) -> Result<String, String> {
+    fn save(&mut self, name: &str) -> Result<String, String> {
         let path = self.set_path(name)?;
         let settings = self.parameters()?.settings();
         let folder = self.setting.runs.join(SETS);
@@ -211,7 +211,7 @@ impl Worker<'_> {
         Ok(self.say(format!("saved {}", path.display())))
     }
 
-    pub(super) fn record(&mut self, name: &str) -> Result<String, String> {
+    fn record(&mut self, name: &str) -> Result<String, String> {
         if self.recorder.is_some() {
             return Err("a recording is being made: end it first".to_owned());
         }
@@ -262,7 +262,7 @@ impl Worker<'_> {
         })
     }
 
-    pub(super) fn reconnect(&mut self) -> Result<String, String> {
+    fn reconnect(&mut self) -> Result<String, String> {
         if self.line.is_some() {
             return Err("the board is there".to_owned());
         }

@@ -19,7 +19,7 @@ const RECENT: usize = 5;
 
 impl Worker<'_> {
     /// Simulated seconds per second, over the last one.
-    pub(super) fn speed(&self) -> Option<f64> {
+    fn speed(&self) -> Option<f64> {
         let (first, last) = (self.pace.marks.front()?, self.pace.marks.back()?);
         let wall_s = last.0.duration_since(first.0).as_secs_f64();
         let is_fresh = last.0.elapsed() < Duration::from_secs(1);
@@ -94,7 +94,7 @@ impl Worker<'_> {
     }
 
     /// What changes seldom; made anew only when it has changed.
-    pub(super) fn publish_state(&mut self) {
+    fn publish_state(&mut self) {
         let version = self.shared.version.load(Ordering::Relaxed);
         if version == self.version && version > 0 {
             return;

@@ -22,6 +22,10 @@ impl Worker<'_> {
             let _ = answer.send(Err("arm first: the set moves the bench".to_owned()));
             return;
         }
+        if lock(&self.shared.task).is_some() {
+            let _ = answer.send(Err("a diagnosis is being made: wait for its end".to_owned()));
+            return;
+        }
         if self.recorder.is_some() {
             let _ = answer.send(Err("end the recording first: the set makes its own".to_owned()));
             return;
@@ -32,8 +36,11 @@ impl Worker<'_> {
         let own = self.play.text.clone();
         let outcome = self.play_set();
         self.is_set_running = false;
-        *lock(&self.shared.task) = None;
-        let _ = self.end_recording(None);
+        self.shared.set_task(None);
+        if let (Some(mut recorder), Some(line)) = (self.recorder.take(), &self.line) {
+            // A part of an experiment; why it is one, the event says.
+            let _ = recorder.keep(line.session.statistics());
+        }
         let _ = self.stop("the experiment set has ended");
         self.settle();
         if let Ok(play) = self.laid_out(&own) {
@@ -50,7 +57,7 @@ impl Worker<'_> {
         self.publish();
     }
 
-    pub(super) fn play_set(&mut self) -> Result<Pass, String> {
+    fn play_set(&mut self) -> Result<Pass, String> {
         let number = self.passes.len() + 1;
         let folder = free_name(&self.setting.runs, &format!("pass-{number}")).map_err(|error| error.to_string())?;
         std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
@@ -60,9 +67,8 @@ impl Worker<'_> {
         let mut rms = Vec::new();
         let (mut all, mut held_out) = ((0.0, 0), (0.0, 0));
         for (index, experiment) in set.iter().enumerate() {
-            let share = index as f64 / set.len() as f64;
-            *lock(&self.shared.task) = Some(Task { what: format!("experiment {}", experiment.name), share });
-            let gap = self.play_experiment(experiment, folder.join(experiment.name))?;
+            let shares = [index, index + 1].map(|done| done as f64 / set.len() as f64);
+            let gap = self.play_experiment(experiment, folder.join(experiment.name), shares)?;
             rms.push((experiment.name.to_owned(), rms_um(gap)));
             let sum = if experiment.is_held_out { &mut held_out } else { &mut all };
             *sum = (sum.0 + gap.0, sum.1 + gap.1);
@@ -77,30 +83,41 @@ impl Worker<'_> {
         })
     }
 
-    /// Demagnetises, then plays and records one experiment; the squared gap and the rows.
-    pub(super) fn play_experiment(&mut self, experiment: &Experiment, path: PathBuf) -> Result<(f64, u64), String> {
+    /// Demagnetises, then plays and records one experiment; the squared gap and the rows. `shares` of the set lie behind before and after.
+    fn play_experiment(
+        &mut self,
+        experiment: &Experiment,
+        path: PathBuf,
+        [from, to]: [f64; 2],
+    ) -> Result<(f64, u64), String> {
+        self.shared
+            .set_task(Some(Task { what: format!("experiment {}: demagnetising", experiment.name), share: from }));
         let sine = experiments::demagnetise(&self.setting.plant.model, self.setting.rate_hz);
         let waveform = Waveform { segments: vec![sine], table: Vec::new() };
         self.play = Play { text: "demagnetising sine".to_owned(), waveform, is_closed_loop: false };
-        self.play_through(u64::from(sine.samples))?;
+        self.play_through(u64::from(sine.samples), &|_| {})?;
         self.play = self.laid_out(&experiment.spec)?;
         let spec = Spec::parse(&experiment.spec).map_err(|error| error.to_string())?;
         let seconds: f64 = spec.parts.iter().filter_map(|part| part.seconds).sum();
         let samples = (seconds * self.setting.rate_hz).round();
         self.begin_recording(path, samples as usize).map_err(|error| error.to_string())?;
         self.gap = (0.0, 0);
-        self.play_through(samples as u64)?;
+        let (shared, what) = (self.shared, format!("experiment {}", experiment.name));
+        self.play_through(samples as u64, &|done| {
+            shared.set_task(Some(Task { what: what.clone(), share: from + (to - from) * done }));
+        })?;
         Ok(self.gap)
     }
 
     /// Arms, runs `samples` samples as fast as the link allows, and stops; a recording ends before the ramp.
-    pub(super) fn play_through(&mut self, samples: u64) -> Result<(), String> {
+    /// `progress` is told the share that is done.
+    fn play_through(&mut self, samples: u64, progress: &dyn Fn(f64)) -> Result<(), String> {
         if self.mode() == Some(ModeName::Armed) {
             // Armed by hand, with the page's own waveform.
             let _ = self.line()?.session.stop();
             self.settle();
         }
-        self.arm()?;
+        self.arm_board()?;
         self.order(&ToBoard::Run)?;
         let mut left = samples;
         while left > 0 {
@@ -110,6 +127,7 @@ impl Worker<'_> {
                 self.obey(order);
             }
             if self.published.elapsed() >= STATUS {
+                progress(1.0 - left as f64 / samples as f64);
                 self.publish();
             }
             if self.set_stopped {
