@@ -160,10 +160,6 @@ export class Scope {
 
   zoom(factor, x) {
     const [from, to] = this.range;
-    if (!this.view) {
-      this.setWindow(Math.min(WINDOWS.at(-1), Math.max(WINDOWS[0], this.window * factor)));
-      return;
-    }
     const about = from + ((x - LEFT) / (this.canvas.clientWidth - LEFT - 12)) * (to - from);
     const span = Math.max(16, (to - from) * factor);
     const share = (about - from) / (to - from);
@@ -239,7 +235,10 @@ export class Scope {
     canvas.addEventListener('dblclick', () => this.goLive());
     canvas.addEventListener('wheel', (event) => {
       event.preventDefault();
-      this.zoom(event.deltaY > 0 ? 1.25 : 0.8, at(event));
+      if (this.view) { this.zoom(Math.exp(0.002 * event.deltaY), at(event)); return; }
+      // Live, the windows are the list's: one for each notch of a wheel, or as much on a pad.
+      this.turned = (this.turned ?? 0) + event.deltaY;
+      if (Math.abs(this.turned) >= 100) { this.step(Math.sign(this.turned)); this.turned = 0; }
     }, { passive: false });
     ui.window.addEventListener('change', () => { this.goLiveFor(Number(ui.window.value)); });
     ui.pause.addEventListener('click', () => this.pause());

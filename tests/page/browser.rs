@@ -23,6 +23,8 @@ pub struct Browser {
     socket: WebSocket<TcpStream>,
     session: String,
     next: u64,
+    /// What the page's script threw, and what the browser complained of.
+    pub complaints: Vec<String>,
 }
 
 impl Browser {
@@ -55,10 +57,13 @@ impl Browser {
         let stream = TcpStream::connect(host).expect("a DevTools port");
         stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a timeout");
         let (socket, _) = tungstenite::client(address.as_str(), stream).expect("a DevTools socket");
-        let mut browser = Browser { child, socket, session: String::new(), next: 0 };
+        let mut browser = Browser { child, socket, session: String::new(), next: 0, complaints: Vec::new() };
         let target = browser.call("Target.createTarget", &json!({ "url": "about:blank" }))["targetId"].clone();
         let attached = browser.call("Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
         browser.session = attached["sessionId"].as_str().expect("a session").to_owned();
+        for domain in ["Runtime.enable", "Log.enable"] {
+            browser.call(domain, &json!({}));
+        }
         browser
     }
 
@@ -73,6 +78,12 @@ impl Browser {
         loop {
             let Message::Text(text) = self.socket.read().expect("chromium answers") else { continue };
             let answer: Value = serde_json::from_str(&text).expect("JSON");
+            let entry = &answer["params"]["entry"];
+            if answer["method"] == "Runtime.exceptionThrown" {
+                self.complaints.push(answer["params"]["exceptionDetails"].to_string());
+            } else if answer["method"] == "Log.entryAdded" && entry["level"] == "error" {
+                self.complaints.push(entry["text"].to_string());
+            }
             if answer["id"] == self.next {
                 assert!(answer.get("error").is_none(), "{method}: {answer}");
                 return answer["result"].clone();
@@ -123,6 +134,20 @@ impl Browser {
             "(() => {{ const field = document.getElementById('{id}'); field.value = '{text}'; \
              field.dispatchEvent(new Event('input', {{ bubbles: true }})) }})()"
         ));
+    }
+
+    /// Presses the mouse at a point of the window, moves it and lets it go.
+    pub fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
+        for (kind, [x, y]) in [("mousePressed", from), ("mouseMoved", to), ("mouseReleased", to)] {
+            let parameters = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", &parameters);
+        }
+    }
+
+    /// Turns the wheel at a point of the window.
+    pub fn wheel(&mut self, [x, y]: [f64; 2], down: f64) {
+        let parameters = json!({ "type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": down });
+        self.call("Input.dispatchMouseEvent", &parameters);
     }
 
     /// Presses a key and lets it go.

@@ -132,6 +132,16 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     page.click("cursors");
     page.click("pause");
     page.wait("document.getElementById('scope-state').textContent === 'live'", 10);
+    // The wheel shortens the window, a drag pauses and goes back in time, P goes live.
+    page.wheel([400.0, 300.0], -120.0);
+    page.wait("document.getElementById('window').value < 0.2", 10);
+    page.drag([300.0, 300.0], [500.0, 300.0]);
+    page.wait("document.getElementById('scope-state').textContent.startsWith('paused')", 10);
+    page.wheel([400.0, 300.0], -120.0);
+    page.picture(1280, 800, &pictures.join("paused-1280.png"));
+    page.eval("document.activeElement.blur()");
+    page.key("p", 80);
+    page.wait("document.getElementById('scope-state').textContent === 'live'", 10);
 
     // Escape stops from wherever the focus is.
     page.eval("document.getElementById('spec').focus()");
@@ -187,6 +197,7 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     let asked =
         page.eval("performance.getEntriesByType('resource').every(entry => entry.name.startsWith(location.origin))");
     assert_eq!(asked, true);
+    assert!(page.complaints.is_empty(), "{:?}", page.complaints);
     page.open(&format!("http://{}{}", served.host(), report.as_str().expect("a link")));
     page.wait("document.querySelectorAll('canvas').length > 3", 20);
     page.picture(1280, 800, &pictures.join("report-1280.png"));
