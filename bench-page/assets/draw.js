@@ -28,16 +28,18 @@ export function sheet(canvas, colour) {
   return { context, width, height };
 }
 
-/** Round numbers within a range, about `wanted` of them. */
+/** Round numbers within a range, about `wanted` of them, and three where it has room for so many round ones. */
 export function ticks(least, most, wanted) {
   const span = most - least;
   if (!(span > 0) || !Number.isFinite(span)) return [];
   const raw = span / Math.max(wanted, 1);
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= raw) ?? 10 * power;
-  const found = [];
-  for (let k = Math.ceil(least / step); k * step <= most + 1e-9 * span; k++) found.push(k * step);
-  return found;
+  const steps = [0.2, 0.5, 1, 2, 5, 10].map((factor) => factor * power);
+  let at = steps.findIndex((step) => step >= raw);
+  const count = (step) => Math.floor(most / step) - Math.ceil(least / step) + 1;
+  while (at > 0 && count(steps[at]) < 3) at -= 1;
+  const step = steps[at];
+  return Array.from({ length: count(step) }, (_, k) => (Math.ceil(least / step) + k) * step);
 }
 
 /** A number with as many digits as its step is worth. */

@@ -81,7 +81,7 @@ bench.addEventListener('frame', ({ detail: frame }) => {
 bench.addEventListener('page', ({ detail }) => {
   own = detail;
   const samples = own.lost_samples ? `${own.lost_samples} samples lost` : 'no sample lost';
-  const lost = own.lost_frames ? `${own.lost_frames} frames left out, ${samples}` : 'no frame left out';
+  const lost = own.lost_frames ? `${own.lost_frames} ${own.lost_frames === 1 ? 'frame' : 'frames'} left out, ${samples}` : 'no frame left out';
   el('stream').textContent = `${own.watchers} ${own.watchers === 1 ? 'page' : 'pages'}; ${lost}`;
   document.body.dataset.control = own.control;
 });

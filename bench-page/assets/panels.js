@@ -104,7 +104,8 @@ export class Tree {
     this.values = {};
     el('parameters').addEventListener('submit', (event) => {
       event.preventDefault();
-      const values = Object.fromEntries([...this.inputs].filter(([key, input]) => Number(input.value) !== this.values[key]).map(([key, input]) => [key, Number(input.value)]));
+      const changed = [...this.inputs].filter(([key, input]) => this.differs(key, input));
+      const values = Object.fromEntries(changed.map(([key, input]) => [key, Number(input.value)]));
       ui.order('apply', { values }).then((done) => done && this.fill());
     });
     el('revert').addEventListener('click', () => this.fill());
@@ -126,7 +127,7 @@ export class Tree {
         name.htmlFor = `parameter-${field.key}`;
         name.append(make('span', `${four(field.least)} to ${four(field.most)}${field.live ? '' : '; while idle'}`, 'between'));
         const input = make('input');
-        Object.assign(input, { id: `parameter-${field.key}`, type: 'number', step: 'any', min: field.least, max: field.most, required: true });
+        Object.assign(input, { id: `parameter-${field.key}`, type: 'number', step: 'any', min: field.least, max: field.most });
         input.addEventListener('input', () => this.mark());
         this.inputs.set(field.key, input);
         return [name, input, field.unit.replace('^2', '²')];
@@ -157,10 +158,15 @@ export class Tree {
     this.mark();
   }
 
+  /** An empty field is what has no number (a guard without limit) or is still being typed. */
+  differs(key, input) {
+    return input.value !== '' && Number(input.value) !== this.values[key];
+  }
+
   mark() {
     let changed = 0;
     for (const row of el('tree').querySelectorAll('tr[data-key]')) {
-      const differs = Number(this.inputs.get(row.dataset.key).value) !== this.values[row.dataset.key];
+      const differs = this.differs(row.dataset.key, this.inputs.get(row.dataset.key));
       row.classList.toggle('changed', differs);
       changed += differs;
     }

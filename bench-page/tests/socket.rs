@@ -4,12 +4,13 @@
 
 mod support;
 
+use bench_page::engine::Open;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::link::{Link, LinkError};
 use plant_sim::controller::Controller;
 use serde_json::{Value, json};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use support::{Client, in_process, start, start_with};
 use tungstenite::{Error, Message};
@@ -186,15 +187,28 @@ fn a_plant_of_another_kind_is_served_and_its_diagnosis_refused_in_words() {
     page.mode("idle");
 }
 
-/// A link that is cut by a switch.
+/// A link that a switch makes worse.
 struct Cut {
     link: InProcess,
-    is_cut: Arc<AtomicBool>,
+    /// 0 for a good link, 1 for none; else every so many frames to the board one is lost.
+    cut: Arc<AtomicU64>,
+    sent: u64,
+}
+
+fn cut(cut: &Arc<AtomicU64>) -> Open {
+    let cut = cut.clone();
+    Box::new(move || Ok(Box::new(Cut { link: InProcess::nucleo(), cut: cut.clone(), sent: 0 })))
 }
 
 impl Link for Cut {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        if self.is_cut.load(Ordering::Relaxed) { Err(LinkError::Closed) } else { self.link.send(bytes) }
+        self.sent += 1;
+        match self.cut.load(Ordering::Relaxed) {
+            0 => self.link.send(bytes),
+            1 => Err(LinkError::Closed),
+            every if self.sent.is_multiple_of(every) => Ok(()),
+            _ => self.link.send(bytes),
+        }
     }
 
     fn receive(&mut self, patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
@@ -212,14 +226,13 @@ impl Link for Cut {
 
 #[test]
 fn a_board_that_is_gone_is_said_and_asked_back() {
-    let is_cut = Arc::new(AtomicBool::new(false));
-    let switch = is_cut.clone();
-    let bench = start(Box::new(move || Ok(Box::new(Cut { link: InProcess::nucleo(), is_cut: switch.clone() }))));
+    let switch = Arc::new(AtomicU64::new(0));
+    let bench = start(cut(&switch));
     let mut page = bench.page();
     page.run();
     page.ask(json!({ "do": "record", "name": "cut" })).expect("room on the disk");
     page.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
-    is_cut.store(true, Ordering::Relaxed);
+    switch.store(1, Ordering::Relaxed);
     let lost = page.until("lost", |message| message["kind"] == "status" && message["mode"] == "no board");
     assert!(lost["lost"].as_str().is_some_and(|line| line.contains("look after cable")), "{lost}");
     let log = std::fs::read_to_string(bench.runs.join("cut/log.csv")).expect("a log");
@@ -228,9 +241,32 @@ fn a_board_that_is_gone_is_said_and_asked_back() {
     assert!(link.contains("\"is_complete\": false"), "{link}");
     assert!(page.order("arm").is_err_and(|line| line.contains("reconnect")));
     assert!(page.order("reconnect").is_err(), "it is still cut");
-    is_cut.store(false, Ordering::Relaxed);
+    switch.store(0, Ordering::Relaxed);
     page.order("reconnect").expect("it is back");
     page.mode("idle");
+}
+
+#[test]
+fn a_link_that_loses_frames_is_counted_and_no_reason_to_stop() {
+    let switch = Arc::new(AtomicU64::new(0));
+    let bench = start(cut(&switch));
+    let mut page = bench.page();
+    page.order("take-control").expect("it is free");
+    // One frame in seven: samples, orders and the waveform's parts alike.
+    switch.store(7, Ordering::Relaxed);
+    for turn in 0..5 {
+        page.ask(json!({ "do": "play", "text": "zero@0.01s+sine:20um@50Hz,for=1s" })).expect("a SPEC");
+        for what in ["arm", "run"] {
+            page.order(what).unwrap_or_else(|error| panic!("{what} in turn {turn}: {error}"));
+        }
+        page.mode("running");
+        page.ask(json!({ "do": "play", "text": "sine:20um@100Hz" })).expect("while it runs");
+        page.ask(json!({ "do": "apply", "values": { "kp": 0.5 + 0.01 * f64::from(turn) } })).expect("a stable loop");
+        let status = page.until("losses", |message| message["link"]["lost"].as_u64().is_some_and(|lost| lost > 10));
+        assert_eq!(status["lost"], Value::Null);
+        page.order("stop").expect("heard at last");
+        page.mode("idle");
+    }
 }
 
 #[test]

@@ -344,8 +344,12 @@ impl<'a> Worker<'a> {
             } else {
                 ToBoard::Drive { drive_v: value }
             };
-            line.session.order(&request)?;
-            hosted.told = Some(value);
+            match line.session.order(&request) {
+                Ok(()) => hosted.told = Some(value),
+                // Lost on the way: the next sample tells its own value.
+                Err(SessionError::Silent { .. }) => {}
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }

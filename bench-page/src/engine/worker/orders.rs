@@ -5,7 +5,8 @@ use super::{Hosted, Play, Worker, connect};
 use crate::engine::model::judge;
 use crate::parameters;
 use crate::recorder::{Recorder, Subject, file_name, free_name};
-use control_core::{GeneratorState, ModeName};
+use control_core::{FaultCode, GeneratorState, ModeName};
+use hil_bridge::lockstep::LockstepError;
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::SessionError;
 use plant_sim::controller::Controller;
@@ -15,6 +16,8 @@ use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::{Parameters, ToBoard};
 
+/// How often a request is sent before its silence is an answer.
+const ATTEMPTS: u32 = 4;
 /// Sets of parameters that can be gone back to.
 const UNDO: usize = 100;
 /// Folder of the saved sets, beside the runs.
@@ -83,17 +86,36 @@ impl Worker<'_> {
         }
     }
 
-    /// One request; a board that does not answer any more is given up.
+    /// One request, again where it or its answer was lost on the way; a board that is gone is given up.
     pub(super) fn order(&mut self, request: &ToBoard<'_>) -> Result<(), String> {
-        match self.line()?.session.order(request) {
-            Ok(()) => {
-                self.refresh();
-                Ok(())
-            }
-            Err(error @ SessionError::Refused { .. }) => Err(error.to_string()),
-            Err(error) => {
-                self.lose(&error);
-                Err(error.to_string())
+        let mut left = ATTEMPTS;
+        loop {
+            left -= 1;
+            match self.line()?.session.order(request) {
+                Ok(()) => {
+                    self.refresh();
+                    return Ok(());
+                }
+                Err(SessionError::Silent { .. }) if left > 0 => {
+                    self.refresh();
+                    // Heard, and only its answer lost: a second one would be refused.
+                    let is_so = match request {
+                        ToBoard::Arm => self.mode() == Some(ModeName::Armed),
+                        ToBoard::Run => self.mode() == Some(ModeName::Running),
+                        ToBoard::ClearFault => self.mode() == Some(ModeName::Idle),
+                        _ => false,
+                    };
+                    if is_so {
+                        return Ok(());
+                    }
+                }
+                Err(error @ (SessionError::Refused { .. } | SessionError::Silent { .. })) => {
+                    return Err(error.to_string());
+                }
+                Err(error) => {
+                    self.lose(&error);
+                    return Err(error.to_string());
+                }
             }
         }
     }
@@ -116,11 +138,32 @@ impl Worker<'_> {
     /// Gives an idle board what is to be played, and arms it.
     pub(super) fn arm_board(&mut self) -> Result<(), String> {
         if self.mode() == Some(ModeName::Idle) {
-            let Play { waveform, is_closed_loop, .. } = &self.play;
-            let Some(line) = &mut self.line else { return Err("there is no board: reconnect".to_owned()) };
-            waveform.send(*is_closed_loop, |request| line.session.order(request)).map_err(|error| error.to_string())?;
+            self.send_waveform()?;
         }
         self.order(&ToBoard::Arm)
+    }
+
+    /// A segment sent twice would be played twice, so where one is lost all of it begins again; anything else is sent again by itself.
+    fn send_waveform(&mut self) -> Result<(), String> {
+        let (waveform, is_closed_loop) = (self.play.waveform.clone(), self.play.is_closed_loop);
+        let mut left = ATTEMPTS;
+        loop {
+            left -= 1;
+            let session = &mut self.line()?.session;
+            let sent = waveform.send(is_closed_loop, |request| {
+                let attempts = if matches!(request, ToBoard::WaveSegment(_)) { 1 } else { ATTEMPTS };
+                let mut done = session.order(request);
+                for _ in 1..attempts {
+                    let Err(SessionError::Silent { .. }) = done else { break };
+                    done = session.order(request);
+                }
+                done
+            });
+            match sent {
+                Err(SessionError::Silent { .. }) if left > 0 => {}
+                sent => return sent.map_err(|error| error.to_string()),
+            }
+        }
     }
 
     pub(super) fn stop(&mut self, why: &str) -> Result<String, String> {
@@ -266,7 +309,14 @@ impl Worker<'_> {
         if self.line.is_some() {
             return Err("the board is there".to_owned());
         }
-        let line = connect(&self.setting, false).map_err(|error| error.to_string())?;
+        let line = match connect(&self.setting, false) {
+            // What a board makes of a lost host is no news to whoever asks it back.
+            Err(LockstepError::InFault { fault }) if fault == FaultCode::LinkLoss.word().replace('_', " ") => {
+                connect(&self.setting, true)
+            }
+            connected => connected,
+        };
+        let line = line.map_err(|error| error.to_string())?;
         self.line = Some(line);
         self.lost = None;
         self.fault = None;
