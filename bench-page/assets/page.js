@@ -113,6 +113,9 @@ function show(now) {
   const mode = now?.mode ?? 'no board';
   el('mode').textContent = now?.is_set_running ? 'experiments' : mode;
   el('mode').dataset.mode = mode;
+  // Closing the page that holds control ends the run: not by accident.
+  window.onbeforeunload = own.control === 'mine' && mode === 'running' ? (event) => event.preventDefault() : null;
+  document.title = `${mode}: hysteron bench`;
   el('fault-bar').hidden = !now?.fault;
   el('fault').textContent = now?.fault ? `fault: ${now.fault}` : '';
   const isMine = own.control === 'mine';
