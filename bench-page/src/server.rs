@@ -24,7 +24,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::future::IntoFuture;
 use std::io;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -96,7 +96,14 @@ impl Server {
 
     /// What to open in a browser. The token is in the fragment, which a browser sends to nobody.
     pub fn address(&self) -> String {
-        format!("http://{}/#token={}", self.at, self.token.text())
+        let mut at = self.at;
+        // No browser opens the address that stands for all of them.
+        match at.ip() {
+            IpAddr::V4(Ipv4Addr::UNSPECIFIED) => at.set_ip(Ipv4Addr::LOCALHOST.into()),
+            IpAddr::V6(Ipv6Addr::UNSPECIFIED) => at.set_ip(Ipv6Addr::LOCALHOST.into()),
+            _ => {}
+        }
+        format!("http://{at}/#token={}", self.token.text())
     }
 
     /// Serves until the process is asked to end; then the board is left idle.

@@ -49,7 +49,7 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
     output::warn(&warnings);
     if !call.listen.is_loopback() {
         output::warn(&[format!(
-            "listening at {address}: whoever can read this network can read the token, and move the bench"
+            "listening at {address}, from elsewhere by this machine's own address: whoever can read this network can read the token, and move the bench"
         )]);
     }
     server.serve(engine).map_err(|error| Failure::interrupted(format!("the page's server ended: {error}")))
