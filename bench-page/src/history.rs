@@ -212,6 +212,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn sample(value: f32) -> Column {
         Column::of([value, -value, 0.5 * value, f32::NAN, 1.0, 2.0], u8::from(value == 7.0))
@@ -233,6 +234,28 @@ mod tests {
                 assert_eq!((column.least[1], column.most[1]), (-last, -from));
                 assert_eq!(column.limits == 1, (from..=last).contains(&7.0));
                 assert!(column.least[3].is_nan(), "what no sample has, no column has");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_columns_are_those_of_the_samples_themselves(
+            values in proptest::collection::vec(-1e3_f32..1e3, 1..5000),
+            power in 0_u32..13,
+            skipped in 0_u64..6000,
+        ) {
+            let mut history = History::default();
+            values.iter().for_each(|value| history.push(&Column::of([*value; CHANNELS], 0)));
+            let length = 1_u64 << power;
+            let first = skipped / length * length;
+            for (index, column) in history.columns(first, length, 8).iter().enumerate() {
+                let from = (first as usize + index * length as usize).min(values.len());
+                let part = &values[from..values.len().min(from + length as usize)];
+                let least = part.iter().copied().fold(f32::NAN, f32::min);
+                let most = part.iter().copied().fold(f32::NAN, f32::max);
+                prop_assert!(column.least[0].to_bits() == least.to_bits() || column.least[0] == least);
+                prop_assert!(column.most[0].to_bits() == most.to_bits() || column.most[0] == most);
             }
         }
     }

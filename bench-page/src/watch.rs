@@ -166,7 +166,8 @@ impl Watch {
 /// Columns of the past.
 pub fn past(history: &History, id: u32, first: u64, length: u64, count: usize) -> Vec<u8> {
     let length = length.clamp(1, 1 << 20).next_power_of_two();
-    let first = first.min(history.end()) / length * length;
+    // Nothing is older than the oldest column, and nothing newer than now.
+    let first = first.clamp(history.oldest(), history.end()) / length * length;
     let left = history.end().saturating_sub(first).div_ceil(length) as usize;
     let columns = history.columns(first, length, count.min(MOST_COLUMNS).min(left));
     frame(Kind::Past, id, first, length, f64::NAN, &columns)
@@ -231,6 +232,7 @@ fn frame(kind: Kind, id: u32, first: u64, length: u64, mark: f64, columns: &[Col
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn fill(history: &mut History, n: u64) {
         let from = history.end();
@@ -323,6 +325,30 @@ mod tests {
         }
         let (kind, count, _, stride, _) = header(&points(&history, 9000));
         assert_eq!((kind, count, stride), (4, 3000, 3.0));
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_numbers_a_page_sends_are_answered_within_bounds(
+            numbers in proptest::array::uniform3(prop_oneof![any::<u64>(), 0_u64..100_000]),
+            count in any::<usize>(),
+            (channel, level) in (0_usize..8, any::<f32>()),
+        ) {
+            let mut history = History::default();
+            fill(&mut history, 5000);
+            let [first, length, span] = numbers;
+            prop_assert!(header(&past(&history, 1, first, length, count)).1 <= MOST_COLUMNS);
+            prop_assert!(header(&points(&history, span)).1 as u64 <= POINTS);
+            let mut watch = Watch::default();
+            watch.set_length(length, &history);
+            let trigger = Trigger { channel, level, rising: true, before: first, after: span, repeat: true };
+            let is_taken = watch.set_trigger(Some(trigger), &history).is_ok();
+            fill(&mut history, 5000);
+            for bytes in [watch.live(&history), watch.capture(&history)].into_iter().flatten() {
+                prop_assert!(header(&bytes).1 <= MOST_COLUMNS);
+            }
+            prop_assert_eq!(is_taken, channel < CHANNELS && level.is_finite() && first.checked_add(span).is_some_and(|n| (1..=MOST_CAPTURE).contains(&n)));
+        }
     }
 
     #[test]

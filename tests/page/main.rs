@@ -326,6 +326,11 @@ fn a_full_disk_ends_the_recording_in_one_line_and_stops_the_board() {
     page.picture(1280, 720, &pictures().join("fault-1280.png"));
     page.click("clear");
     page.wait(&format!("{MODE} === 'idle'"), 10);
+    page.picture(800, 1200, &pictures().join("narrow-800.png"));
+    page.key("?", 191);
+    page.wait("document.getElementById('help').open", 10);
+    page.picture(1280, 720, &pictures().join("keys-1280.png"));
+    page.eval("document.getElementById('help').close()");
     let id = served.child.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &id]).status().expect("kill").success());
     assert!(served.child.wait().expect("it ends").success());
