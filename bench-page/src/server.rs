@@ -16,7 +16,7 @@ use crate::{parameters, runs};
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -191,7 +191,7 @@ async fn report(State(served): State<Arc<Served>>, Path(ticket): Path<String>) -
     }
 }
 
-async fn socket(State(served): State<Arc<Served>>, _headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn socket(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).on_upgrade(move |socket| page(socket, served))
 }
 

@@ -37,13 +37,13 @@ const STATUS: Duration = Duration::from_millis(100);
 /// How often the board is asked for its own account.
 const ACCOUNT: Duration = Duration::from_millis(500);
 
-type Session0 = Session<Box<dyn Link>>;
+type Conversation = Session<Box<dyn Link>>;
 type BoardError = LockstepError<RunError>;
 type Answer = oneshot::Sender<Result<String, String>>;
 
 /// A board that answers, and the bench that it drives.
 struct Line {
-    session: Session0,
+    session: Conversation,
     ready: Ready,
     bench: Bench,
     last: Row,
@@ -108,7 +108,7 @@ struct Worker<'a> {
     /// The same since each of the last statuses, for the number that is shown.
     recent_gap: VecDeque<(f64, u64)>,
     is_set_running: bool,
-    set_stopped: bool,
+    is_set_stopped: bool,
     samples: u64,
     pace: Pace,
     turn: Histogram,
@@ -169,7 +169,7 @@ impl<'a> Worker<'a> {
             gap: (0.0, 0),
             recent_gap: VecDeque::from([(0.0, 0)]),
             is_set_running: false,
-            set_stopped: false,
+            is_set_stopped: false,
             samples: 0,
             pace: Pace { at: now, samples: 0, marks: VecDeque::new() },
             turn: Histogram::default(),

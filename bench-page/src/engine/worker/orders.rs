@@ -167,7 +167,7 @@ impl Worker<'_> {
     }
 
     pub(super) fn stop(&mut self, why: &str) -> Result<String, String> {
-        self.set_stopped = true;
+        self.is_set_stopped = true;
         match self.mode() {
             None => return Err("there is no board to stop".to_owned()),
             Some(ModeName::Idle | ModeName::Stopping | ModeName::Fault) => return Ok("nothing runs".to_owned()),

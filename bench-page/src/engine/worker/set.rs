@@ -32,7 +32,7 @@ impl Worker<'_> {
         }
         let _ = answer.send(Ok("the experiment set runs".to_owned()));
         self.is_set_running = true;
-        self.set_stopped = false;
+        self.is_set_stopped = false;
         let own = self.play.text.clone();
         let outcome = self.play_set();
         self.is_set_running = false;
@@ -130,7 +130,7 @@ impl Worker<'_> {
                 progress(1.0 - left as f64 / samples as f64);
                 self.publish();
             }
-            if self.set_stopped {
+            if self.is_set_stopped {
                 return Err("it was stopped".to_owned());
             }
             if self.line.is_none() {
