@@ -7,7 +7,7 @@ use hil_bridge::link::Place;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 
 /// Simulate and identify piezo actuators with hysteresis, so that the simulation matches the bench.
@@ -55,6 +55,8 @@ pub enum Command {
     Board(BoardCommand),
     /// The control code on a board against the simulated plant, sample by sample: writes a run directory
     Hil(HilCall),
+    /// The bench in a browser: watch, tune, record and diagnose a board in the loop
+    Serve(ServeCall),
 }
 
 #[derive(Subcommand)]
@@ -77,7 +79,11 @@ impl Command {
             Command::Reproduce(call) => Some((None, &call.out)),
             Command::Design(call) => Some((Some(&call.show), &call.out)),
             // A diagnosis, a blind check and a run write into a directory.
-            Command::Diagnose(_) | Command::Effects(_) | Command::BlindCheck(_) | Command::Hil(_) => None,
+            Command::Diagnose(_)
+            | Command::Effects(_)
+            | Command::BlindCheck(_)
+            | Command::Hil(_)
+            | Command::Serve(_) => None,
         }
     }
 
@@ -100,7 +106,11 @@ impl Command {
                 let own = [&call.plant].into_iter().chain(&call.controller);
                 own.chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
-            Command::Effects(_) | Command::BlindCheck(_) | Command::Reproduce(_) | Command::Hil(_) => Vec::new(),
+            Command::Effects(_)
+            | Command::BlindCheck(_)
+            | Command::Reproduce(_)
+            | Command::Hil(_)
+            | Command::Serve(_) => Vec::new(),
         }
     }
 }
@@ -524,6 +534,56 @@ pub struct HilCall {
     /// Print the outcome as JSON on standard output
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron serve --plant models/thesis-phs.toml --controller controllers/pi1.toml
+  hysteron serve --plant nominal.toml --bench bench.toml --controller controllers/pi1.toml --runs monday
+  hysteron serve --board serial:/dev/ttyACM0 --plant models/thesis-phs.toml --controller controllers/pi1.toml
+The first line printed is the page's address, with a token that is new at each
+start: open it in a browser on this machine. Nothing is loaded from elsewhere.
+The plant waits for the board (lockstep) and follows wall time as far as the
+link lets it; the page says how far. --bench is a plant that differs from
+--plant, say by an [[effect]]: what a diagnosis on the page is to find.
+Escape on the page stops; the safety of a real bench is its wired stop.")]
+pub struct ServeCall {
+    /// Where the board is: in-process (the law alone), virtual (--image), tcp:HOST:PORT or serial:PATH
+    #[arg(long, value_name = "PLACE", default_value = "in-process")]
+    pub board: Place,
+    /// The flash image, for --board virtual
+    #[arg(long, value_name = "IMAGE.elf")]
+    pub image: Option<PathBuf>,
+    /// Bits per second of a serial port
+    #[arg(long, value_name = "BAUD", default_value_t = 3_000_000)]
+    pub baud: u32,
+    /// Plant that predicts, a model file
+    #[arg(long, value_name = "P.toml")]
+    pub plant: PathBuf,
+    /// Plant in the bench's place, a model file; --plant where not given
+    #[arg(long, value_name = "BENCH.toml")]
+    pub bench: Option<PathBuf>,
+    /// Controller, a controller file
+    #[arg(long, value_name = "C.toml")]
+    pub controller: PathBuf,
+    /// Samples per second of the loop; must divide the board's clock
+    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
+    pub rate: f64,
+    /// Seed of the sensor's noise and of lost commands
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for recordings, saved sets and diagnoses; made where it is not there
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    pub runs: PathBuf,
+    /// Port of the page; 0 takes a free one
+    #[arg(long, value_name = "PORT", default_value_t = 7411)]
+    pub port: u16,
+    /// Address to listen at; beyond loopback, whoever can read the network can read the token
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    pub listen: IpAddr,
+    /// Leave a fault that the board is in
+    #[arg(long)]
+    pub clear_fault: bool,
 }
 
 #[derive(Args)]

@@ -1,5 +1,6 @@
 //! How the command fails: one line and an exit code.
 
+use bench_page::engine::StartError;
 use gap_diagnosis::diagnose::DiagnoseError;
 use gap_diagnosis::identify::IdentifyError;
 use hil_bridge::link::LinkError;
@@ -76,6 +77,7 @@ impl Failure {
             "blind-check",
             "board",
             "hil",
+            "serve",
             "reproduce",
             "design",
         ];
@@ -179,6 +181,17 @@ impl From<LockstepError<RunError>> for Failure {
             LockstepError::Session(SessionError::Link(error)) => error.into(),
             LockstepError::Parameters(_) => Self::call(error.to_string()),
             error => Self::hardware(error.to_string()),
+        }
+    }
+}
+
+impl From<StartError> for Failure {
+    fn from(error: StartError) -> Self {
+        match error {
+            StartError::Board(error) => error.into(),
+            StartError::Margins(error) => error.into(),
+            StartError::Unstable(_) => Self::call(error.to_string()),
+            StartError::Thread(_) | StartError::Ended => Self::interrupted(error.to_string()),
         }
     }
 }

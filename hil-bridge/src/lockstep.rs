@@ -201,8 +201,12 @@ pub fn run<L: Link, E>(
     Ok(outcome)
 }
 
-/// Reads the plant and asks the board; the mode it answered, if it did.
-fn sample<L: Link>(
+/// One sample for whoever keeps the loop going by hand: reads the plant and asks the board. The row, numbered as `last`, and the mode
+/// that the board answered, if it did. [`Bench::apply`] of the row's command moves the plant on.
+///
+/// # Errors
+/// [`SessionError`].
+pub fn sample<L: Link>(
     session: &mut Session<L>,
     ready: &Ready,
     bench: &mut Bench,

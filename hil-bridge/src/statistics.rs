@@ -39,6 +39,12 @@ impl Histogram {
         self.most
     }
 
+    /// Every bucket that holds any: its longest duration, and how many.
+    pub fn buckets(&self) -> impl Iterator<Item = (Duration, u64)> {
+        let counted = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        counted.map(|(bucket, count)| (Duration::from_nanos(last_of(bucket)), *count))
+    }
+
     /// The duration that `share` of all do not exceed, rounded up to its bucket's end; `None` where nothing was counted.
     pub fn quantile(&self, share: f64) -> Option<Duration> {
         let rank = ((share * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));

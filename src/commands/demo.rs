@@ -27,6 +27,8 @@ pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("  design     a controller from a wish, or a check of one");
     output::line("  reproduce  the thesis' numbers and figures, printed beside recomputed");
     output::line("  board      the flash image on the virtual board");
+    output::line("  hil        the control code on a board against the simulated plant");
+    output::line("  serve      the bench in a browser");
     output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 
     let seed = seed.unwrap_or_else(clock);

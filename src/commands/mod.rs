@@ -13,6 +13,7 @@ mod identify;
 mod logs;
 mod replay;
 mod reproduce;
+mod serve;
 mod simulate;
 
 use crate::arguments::{Arguments, BoardCommand, Command};
@@ -32,6 +33,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::Hil(call)) => hil::hil(call),
+        Some(Command::Serve(call)) => serve::serve(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

@@ -1,0 +1,128 @@
+//! A diagnosis beside the running loop: reads a pass of the experiment set, diagnoses, writes the files that `hysteron diagnose` writes.
+//!
+//! What this does not do: decide anything about the bench. The thread may take a minute; the loop goes on meanwhile.
+
+use crate::access::Token;
+use crate::engine::{Found, Shared, Source, Task};
+use gap_diagnosis::diagnose::{Options, diagnose};
+use gap_diagnosis::locate::strongest;
+use plant_sim::log::{Log, ReadOptions, read};
+use plant_sim::model::Kind;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Entries of the ranking that are shown, and the least probability worth a line.
+const RANKED: usize = 6;
+const LEAST: f64 = 0.005;
+
+/// What is to be diagnosed.
+pub struct Case {
+    /// The plant.
+    pub plant: Source,
+    /// Logs to fit.
+    pub logs: Vec<PathBuf>,
+    /// Logs to score on.
+    pub held_out: Vec<PathBuf>,
+    /// Directory for the files, not there yet.
+    pub folder: PathBuf,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+}
+
+/// Begins a diagnosis in a thread of its own; `shared` learns its progress and its end.
+///
+/// # Errors
+/// The plant can't be diagnosed, or the thread can't be started.
+pub fn begin(shared: Arc<Shared>, case: Case) -> Result<(), String> {
+    let kind = case.plant.model.kind;
+    if kind != Kind::Phs {
+        return Err(format!(
+            "a plant of kind {} can't be diagnosed: the registry's effects are stated about hysterons",
+            kind.name()
+        ));
+    }
+    shared.set_task(Some(Task { what: "reading the logs".to_owned(), share: 0.0 }));
+    let worker = shared.clone();
+    let begun = std::thread::Builder::new().name("diagnosis".into()).spawn(move || {
+        let found = run(&worker, &case);
+        worker.set_task(None);
+        worker.set_found(found);
+    });
+    begun.map(|_| ()).map_err(|error| {
+        shared.set_task(None);
+        format!("the diagnosis can't be started: {error}")
+    })
+}
+
+fn run(shared: &Shared, case: &Case) -> Result<Found, String> {
+    let logs = read_all(&case.logs)?;
+    let held_out = read_all(&case.held_out)?;
+    let options = Options { seed: case.seed, ..Options::default() };
+    let say = |what: &str, share: f64| shared.set_task(Some(Task { what: what.to_owned(), share }));
+    let found = diagnose(&case.plant.model, &logs, &held_out, &options, &say).map_err(|error| error.to_string())?;
+    let subtitle = format!("{}, {} logs of the bench, {} held out", case.plant.name, logs.len(), held_out.len());
+    let provenance = [
+        format!("hysteron serve, the experiment set in {}", case.folder.display()),
+        format!("hysteron {}", env!("CARGO_PKG_VERSION")),
+        format!("seed {}", case.seed),
+    ];
+    let report = found.page("Diagnosis of the bench", &subtitle, &provenance).to_html();
+    let path = |name: &str| case.folder.join(name);
+    let unwritable = |path: &Path, error: std::io::Error| format!("{}: cannot be written: {error}", path.display());
+    std::fs::create_dir_all(&case.folder).map_err(|error| unwritable(&case.folder, error))?;
+    let text = serde_json::to_string_pretty(&found).map_err(|error| error.to_string())?;
+    for (name, content) in [("diagnosis.json", text.as_str()), ("report.html", report.as_str())] {
+        std::fs::write(path(name), content).map_err(|error| unwritable(&path(name), error))?;
+    }
+    found.augmented.write(&path("augmented.toml")).map_err(|error| error.to_string())?;
+    Ok(Found {
+        diagnosis: Arc::new(found),
+        report: report.into(),
+        ticket: Token::draw().text().to_owned(),
+        folder: case.folder.clone(),
+        is_in_use: false,
+    })
+}
+
+fn read_all(paths: &[PathBuf]) -> Result<Vec<Log>, String> {
+    let named = |path: &PathBuf| -> Result<Log, String> {
+        let mut log = read(path, &ReadOptions::default()).map_err(|error| error.to_string())?;
+        // Its folder is the experiment's name, which says more than where that lies.
+        if let Some(folder) = path.parent().and_then(Path::file_name) {
+            log.name = folder.to_string_lossy().into_owned();
+        }
+        Ok(log)
+    };
+    paths.iter().map(named).collect()
+}
+
+/// What the panel shows.
+pub fn summary(found: &Found) -> Value {
+    let diagnosis = &found.diagnosis;
+    let ranking: Vec<Value> = diagnosis
+        .ranking
+        .iter()
+        .filter(|ranked| ranked.probability >= LEAST)
+        .take(RANKED)
+        .map(|ranked| json!({ "effect": ranked.effect, "probability": ranked.probability }))
+        .collect();
+    let next = diagnosis.next_experiment.as_ref();
+    json!({
+        "sentence": diagnosis.sentence(),
+        "verdict": diagnosis.verdict,
+        "where": strongest(&diagnosis.location),
+        "stage": diagnosis.stage,
+        "effects": diagnosis.effects,
+        "ranking": ranking,
+        "class_reasons": diagnosis.class_reasons,
+        "parameters": diagnosis.parameters,
+        "changed": diagnosis.changed,
+        "gap": diagnosis.gap,
+        "next": next.map(|next| json!({ "spec": next.spec, "splits": next.splits, "reason": next.reason })),
+        "warnings": diagnosis.warnings,
+        "report": format!("/report/{}/report.html", found.ticket),
+        "folder": found.folder.display().to_string(),
+        "is_in_use": found.is_in_use,
+    })
+}

@@ -1,0 +1,60 @@
+//! The plant beside the bench: it gets the same commands, and what it predicts is set beside what the sensor says.
+
+use control_core::Settings;
+use plant_sim::chain::{Chain, Held, Simulator};
+use plant_sim::experiment::sampled_loop;
+use plant_sim::margins::{MarginError, Verdict, assess};
+use plant_sim::model::Model;
+use plant_sim::replay::Start;
+
+/// The plant at work, without what is random.
+pub struct Twin {
+    simulator: Simulator,
+    /// Its chain.
+    pub chain: Chain,
+}
+
+/// State and drive that a model's run begins with.
+pub fn start(model: &Model, chain: &Chain) -> Start {
+    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+    Start { state, drive_v }
+}
+
+impl Twin {
+    /// At its start.
+    pub fn new(model: &Model, rate_hz: f64, latency_s: f64) -> Twin {
+        let chain = model.chain();
+        let start = start(model, &chain);
+        let mut simulator = Simulator::new(&chain, rate_hz.recip(), latency_s);
+        simulator.start_from(&start.state, start.drive_v);
+        Twin { simulator, chain }
+    }
+
+    /// What it predicts that the sensor reads now.
+    pub fn read_m(&self) -> f64 {
+        self.simulator.reading_m()
+    }
+
+    /// Holds a command for one sample.
+    pub fn apply(&mut self, command_v: f64) {
+        self.simulator.advance(Held::zero_order(command_v), 0.0);
+    }
+}
+
+/// What is to be said of the loop that `settings` close around `chain`; unstable ones are refused.
+///
+/// # Errors
+/// The margins can't be computed.
+pub fn judge(
+    chain: &Chain,
+    settings: &Settings,
+    latency_s: f64,
+) -> Result<Result<Option<String>, String>, MarginError> {
+    let law = sampled_loop(settings, f64::from(settings.rate_hz), latency_s + chain.drive.delay_s);
+    let assessment = assess(&chain.linear_regions()?, &law)?;
+    Ok(match assessment.verdict {
+        Verdict::Unstable { .. } => Err(assessment.to_string()),
+        Verdict::BelowSixDb { .. } => Ok(Some(assessment.to_string())),
+        Verdict::Stable { .. } => Ok(None),
+    })
+}

@@ -1,0 +1,179 @@
+//! Run directories on disk: listed, and set beside one another.
+//!
+//! A run is read from its files alone, so that runs of `hysteron hil` and of earlier days are there, too. What this does not do: write.
+
+use plant_sim::log::{ReadOptions, open};
+use serde::Serialize;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Runs that are listed, newest first.
+const LISTED: usize = 200;
+/// Runs that are compared at once, and columns of each.
+const COMPARED: usize = 4;
+const COLUMNS: usize = 1200;
+/// Rows of a log that are read into memory: ten minutes at 20 kHz.
+const MOST_ROWS: u64 = 13_000_000;
+
+/// A run as the list shows it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Listed {
+    /// Path below the folder of runs.
+    pub name: String,
+    /// Seconds since 1970 of its last change.
+    pub changed_s: u64,
+    /// SPEC.
+    pub spec: String,
+    /// Board.
+    pub board: String,
+    /// Rows that its link's statistics state.
+    pub rows: Option<u64>,
+    /// Length.
+    pub seconds: Option<f64>,
+    /// Fault it ended in, `none`, or nothing where it did not come to its end.
+    pub fault: Option<String>,
+}
+
+/// The runs in `folder` and in its folders, newest first.
+pub fn list(folder: &Path) -> Vec<Listed> {
+    let mut runs = Vec::new();
+    for path in folders(folder) {
+        runs.extend(listed(folder, &path));
+        for inner in folders(&path) {
+            runs.extend(listed(folder, &inner));
+        }
+    }
+    runs.sort_by(|a, b| b.changed_s.cmp(&a.changed_s).then_with(|| b.name.cmp(&a.name)));
+    runs.truncate(LISTED);
+    runs
+}
+
+fn folders(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect()
+}
+
+fn listed(root: &Path, path: &Path) -> Option<Listed> {
+    let json = |name: &str| -> Option<Value> { serde_json::from_str(&fs::read_to_string(path.join(name)).ok()?).ok() };
+    let run = json("run.json")?;
+    let link = json("link.json");
+    let rows = link.as_ref().and_then(|link| link["rows"].as_u64());
+    let changed = fs::metadata(path.join("log.csv")).and_then(|found| found.modified()).unwrap_or(UNIX_EPOCH);
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    Some(Listed {
+        name: path.strip_prefix(root).ok()?.to_str()?.to_owned(),
+        changed_s: changed.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs()),
+        spec: text(&run["reference"]),
+        board: text(&run["board"]),
+        rows,
+        seconds: rows.zip(run["rate_hz"].as_f64()).map(|(rows, rate_hz)| rows as f64 / rate_hz),
+        fault: link.and_then(|link| link["fault"].as_str().map(|fault| fault.replace('_', " "))),
+    })
+}
+
+/// Names of the saved sets.
+pub fn sets(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let stem = |path: PathBuf| {
+        let is_set = path.extension().is_some_and(|ending| ending == "toml");
+        if is_set { path.file_stem().map(|stem| stem.to_string_lossy().into_owned()) } else { None }
+    };
+    let mut names: Vec<String> = entries.filter_map(|entry| stem(entry.path())).collect();
+    names.sort();
+    names
+}
+
+/// A run, thinned for a plot, and its numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct Compared {
+    /// As in [`Listed`].
+    pub name: String,
+    /// Seconds a column lasts.
+    pub column_s: f64,
+    /// Least and greatest displacement of each column, micrometres.
+    pub displacement_um: [Vec<f32>; 2],
+    /// Of the error, where there is a reference.
+    pub error_um: Option<[Vec<f32>; 2]>,
+    /// Of the command, volts.
+    pub command_v: [Vec<f32>; 2],
+    /// Largest magnitude of the displacement.
+    pub peak_um: f64,
+    /// Rms of reference minus displacement.
+    pub error_rms_um: Option<f64>,
+    /// Largest magnitude of the command.
+    pub peak_v: f64,
+}
+
+/// Reads runs of `folder` for a comparison.
+///
+/// # Errors
+/// One line: which run, and what is wrong with it.
+pub fn compare(folder: &Path, names: &[String]) -> Result<Vec<Compared>, String> {
+    if names.is_empty() || names.len() > COMPARED {
+        return Err(format!("choose one to {COMPARED} runs"));
+    }
+    names.iter().map(|name| compared(folder, name)).collect()
+}
+
+fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
+    let is_plain = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
+    if !name.split('/').all(is_plain) {
+        return Err(format!("{name:?}: no run of this folder"));
+    }
+    let said = |error: plant_sim::log::LogError| error.to_string();
+    let reader = open(&folder.join(name).join("log.csv"), &ReadOptions::default()).map_err(said)?;
+    if reader.n_rows() > MOST_ROWS {
+        return Err(format!("{name}: {} rows are too many for a comparison", reader.n_rows()));
+    }
+    let log = reader.into_log().map_err(said)?;
+    let length = log.len().div_ceil(COLUMNS).max(1);
+    let thinned = |values: &mut dyn Iterator<Item = f64>| -> [Vec<f32>; 2] {
+        let values: Vec<f32> = values.map(|value| value as f32).collect();
+        let of = |join: fn(f32, f32) -> f32| {
+            values.chunks(length).map(|part| part.iter().copied().fold(f32::NAN, join)).collect()
+        };
+        [of(f32::min), of(f32::max)]
+    };
+    let peak = |values: &[f64]| values.iter().fold(0.0, |peak: f64, value| peak.max(value.abs()));
+    // A run in open loop has a column of zeros.
+    let is_followed = |reference_m: &&Vec<f64>| reference_m.iter().any(|wanted| *wanted != 0.0);
+    let error_m: Option<Vec<f64>> = log
+        .reference_m
+        .as_ref()
+        .filter(is_followed)
+        .map(|reference_m| reference_m.iter().zip(&log.displacement_m).map(|(wanted, is)| wanted - is).collect());
+    let rms = |values: &Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt();
+    Ok(Compared {
+        name: name.to_owned(),
+        column_s: length as f64 * log.dt_s,
+        displacement_um: thinned(&mut log.displacement_m.iter().map(|m| m * 1e6)),
+        error_um: error_m.as_ref().map(|error_m| thinned(&mut error_m.iter().map(|m| m * 1e6))),
+        command_v: thinned(&mut log.command_v.iter().copied()),
+        peak_um: peak(&log.displacement_m) * 1e6,
+        error_rms_um: error_m.as_ref().map(|error_m| rms(error_m) * 1e6),
+        peak_v: peak(&log.command_v),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_leads_nowhere_but_into_the_folder() {
+        for name in ["", "..", "../x", "/etc", "a//b", "a/../b", "a\\b", "a/."] {
+            let error = compare(Path::new("/nowhere"), &[name.to_owned()]).unwrap_err();
+            assert!(error.contains("no run of this folder"), "{name}: {error}");
+        }
+        assert!(compare(Path::new("/nowhere"), &[]).is_err());
+        assert!(compare(Path::new("/nowhere"), &vec!["a".to_owned(); 5]).is_err());
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_is_an_empty_list() {
+        assert!(list(Path::new("/nowhere/at/all")).is_empty());
+        assert!(sets(Path::new("/nowhere/at/all")).is_empty());
+    }
+}

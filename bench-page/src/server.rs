@@ -1,0 +1,496 @@
+//! The page's server: a few files, and one socket a page. It asks the engine and passes on what that publishes.
+//!
+//! | address | what |
+//! | --- | --- |
+//! | `/`, `/page.css`, `/*.js` | the page; nothing in it is secret |
+//! | `/socket` | all else; its first message is the token |
+//! | `/report/TICKET/report.html` | the last diagnosis; the ticket is told over the socket |
+//!
+//! Everything runs in one thread beside the engine's. A socket's task holds one frame at most: while that is on its way, the next ones are left out.
+
+use crate::access::{Gate, Token};
+use crate::engine::{CHANNEL_TABLE, Engine, Wish};
+use crate::lease::{Lease, PageId};
+use crate::watch::{FRAMES, Trigger, Watch, past, points, spectrum, spectrum_samples};
+use crate::{parameters, runs};
+use axum::Router;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use std::future::IntoFuture;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::time::{MissedTickBehavior, interval, timeout};
+
+/// The page's files: address, type, content.
+const FILES: &[(&str, &str, &str)] = &[
+    ("/", "text/html; charset=utf-8", include_str!("../assets/page.html")),
+    ("/page.css", "text/css; charset=utf-8", include_str!("../assets/page.css")),
+    ("/page.js", "text/javascript; charset=utf-8", include_str!("../assets/page.js")),
+    ("/bench.js", "text/javascript; charset=utf-8", include_str!("../assets/bench.js")),
+    ("/draw.js", "text/javascript; charset=utf-8", include_str!("../assets/draw.js")),
+    ("/scope.js", "text/javascript; charset=utf-8", include_str!("../assets/scope.js")),
+    ("/side.js", "text/javascript; charset=utf-8", include_str!("../assets/side.js")),
+    ("/panels.js", "text/javascript; charset=utf-8", include_str!("../assets/panels.js")),
+];
+/// The page may load its own files and speak to its own server, nothing else; no page may frame it.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; \
+     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The report's page states by a nonce what it may run; here it is only kept apart from the bench's page.
+const REPORT_POLICY: &str = "sandbox allow-scripts; frame-ancestors 'none'";
+
+/// How long a new page may take to show its token.
+const TOKEN_TIME: Duration = Duration::from_secs(5);
+/// Longest message of a page; the longest is a set of parameters.
+const MOST_BYTES: usize = 1 << 16;
+/// Frames between two statuses, loops and spectra.
+const STATUS_EVERY: u64 = 3;
+const SPECTRUM_EVERY: u64 = 15;
+/// Pages at once; more than a lab has screens.
+const MOST_PAGES: usize = 32;
+/// How often the lease is looked at.
+const LEASE_LOOK: Duration = Duration::from_millis(200);
+
+/// What the sockets share.
+struct Served {
+    engine: Engine,
+    gate: Gate,
+    lease: Mutex<Lease>,
+    since: Instant,
+    pages: AtomicU64,
+}
+
+impl Served {
+    fn lease(&self) -> MutexGuard<'_, Lease> {
+        self.lease.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A server that has its port and does not answer yet.
+pub struct Server {
+    listener: TcpListener,
+    at: SocketAddr,
+    token: Token,
+}
+
+impl Server {
+    /// Takes a port.
+    ///
+    /// # Errors
+    /// The port can't be had.
+    pub fn bind(address: SocketAddr) -> io::Result<Server> {
+        let listener = TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
+        let at = listener.local_addr()?;
+        Ok(Server { listener, at, token: Token::draw() })
+    }
+
+    /// What to open in a browser. The token is in the fragment, which a browser sends to nobody.
+    pub fn address(&self) -> String {
+        let mut at = self.at;
+        // No browser opens the address that stands for all of them.
+        match at.ip() {
+            IpAddr::V4(Ipv4Addr::UNSPECIFIED) => at.set_ip(Ipv4Addr::LOCALHOST.into()),
+            IpAddr::V6(Ipv6Addr::UNSPECIFIED) => at.set_ip(Ipv6Addr::LOCALHOST.into()),
+            _ => {}
+        }
+        format!("http://{at}/#token={}", self.token.text())
+    }
+
+    /// Serves until the process is asked to end; then the board is left idle.
+    ///
+    /// # Errors
+    /// The port is lost.
+    pub fn serve(self, engine: Engine) -> io::Result<()> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(async {
+            let served = Arc::new(Served {
+                engine,
+                gate: Gate::new(self.at, self.token),
+                lease: Mutex::default(),
+                since: Instant::now(),
+                pages: AtomicU64::new(1),
+            });
+            tokio::spawn(watch_lease(served.clone()));
+            let listener = tokio::net::TcpListener::from_std(self.listener)?;
+            let engine = served.engine.clone();
+            tokio::select! {
+                served = axum::serve(listener, router(served)).into_future() => served,
+                () = asked_to_end() => {
+                    // A board that can't be left in order ramps down by itself when it misses us.
+                    let _ = engine.ask(Wish::Leave).await;
+                    Ok(())
+                }
+            }
+        })
+    }
+}
+
+/// Waits for Ctrl-C or, where there is one, a signal to terminate.
+async fn asked_to_end() {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminate.recv() => {}
+            }
+            return;
+        }
+    }
+    let _ = tokio::signal::ctrl_c().await;
+}
+
+fn router(served: Arc<Served>) -> Router {
+    let mut router = Router::new().route("/socket", get(socket)).route("/report/{ticket}/report.html", get(report));
+    for (address, kind, content) in FILES {
+        router = router.route(address, get(move || async move { ([(header::CONTENT_TYPE, *kind)], *content) }));
+    }
+    router.layer(from_fn_with_state(served.clone(), guard)).with_state(served)
+}
+
+/// Host and Origin of every request, and what every answer carries.
+async fn guard(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
+    let is_socket = request.uri().path() == "/socket";
+    let headers = request.headers();
+    let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok());
+    // A header that is no text is as wrong as a foreign one.
+    let origin = headers.get(header::ORIGIN).map(|value| value.to_str().unwrap_or("?"));
+    let host = text(header::HOST);
+    let checked = served.gate.check_host(host).and_then(|()| served.gate.check_origin(origin, host, is_socket));
+    let is_report = request.uri().path().starts_with("/report/");
+    let mut response = match checked {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => (StatusCode::FORBIDDEN, format!("{refusal}\n")).into_response(),
+    };
+    let headers = response.headers_mut();
+    let mut set = |name, value| headers.insert(name, HeaderValue::from_static(value));
+    set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
+    set(header::REFERRER_POLICY, "no-referrer");
+    set(header::CACHE_CONTROL, "no-store");
+    set(header::CONTENT_SECURITY_POLICY, if is_report { REPORT_POLICY } else { POLICY });
+    response
+}
+
+async fn report(State(served): State<Arc<Served>>, Path(ticket): Path<String>) -> Response {
+    match served.engine.shared.found() {
+        Some(found) if found.ticket == ticket => {
+            ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], found.report.to_string()).into_response()
+        }
+        _ => (StatusCode::NOT_FOUND, "this report is not the last one: open it from the page\n").into_response(),
+    }
+}
+
+async fn socket(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
+    upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).on_upgrade(move |socket| page(socket, served))
+}
+
+/// Ends what a silent page began.
+async fn watch_lease(served: Arc<Served>) {
+    let mut look = interval(LEASE_LOOK);
+    loop {
+        look.tick().await;
+        let lapsed = served.lease().lapse(served.since.elapsed());
+        if lapsed {
+            // What the answer is, the events say.
+            let _ = served.engine.ask(Wish::Stop("the page that held control is silent")).await;
+        }
+    }
+}
+
+/// What a page may ask.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case")]
+enum Asked {
+    Beat,
+    TakeControl,
+    ReleaseControl,
+    Arm,
+    Run,
+    Stop,
+    ClearFault,
+    Play { text: String },
+    Apply { values: Map<String, Value> },
+    Undo,
+    Save { name: String },
+    Load { name: String },
+    Record { name: String },
+    EndRecord,
+    Experiments,
+    Diagnose,
+    AddEffect,
+    Reconnect,
+    View { length: u64 },
+    Past { first: u64, length: u64, count: usize },
+    Trigger { trigger: Option<Trigger> },
+    Want { span: u64, spectrum: bool },
+    Runs,
+    Compare { names: Vec<String> },
+}
+
+/// Counts a page as long as it is there.
+struct Present(Arc<Served>);
+
+impl Drop for Present {
+    fn drop(&mut self) {
+        self.0.engine.shared.watchers.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// One page, from its token to its end.
+async fn page(mut socket: WebSocket, served: Arc<Served>) {
+    if let Err(reason) = greet(&mut socket, &served).await {
+        let refused = json!({ "kind": "refused", "reason": reason }).to_string();
+        // Nobody is left to be told where this fails.
+        let _ = socket.send(Message::Text(refused.into())).await;
+        let _ = socket.send(Message::Close(None)).await;
+        return;
+    }
+    served.engine.shared.watchers.fetch_add(1, Ordering::Relaxed);
+    let present = Present(served.clone());
+    let id = served.pages.fetch_add(1, Ordering::Relaxed);
+    let mut page = Page {
+        id,
+        served: served.clone(),
+        watch: Watch::default(),
+        span: 0,
+        wants_spectrum: false,
+        seen: 0,
+        frames: 0,
+    };
+    page.talk(&mut socket).await;
+    drop(present);
+    let had = served.lease().release(id);
+    if had {
+        let _ = served.engine.ask(Wish::Stop("the page that held control was closed")).await;
+    }
+}
+
+/// The token, in time.
+async fn greet(socket: &mut WebSocket, served: &Served) -> Result<(), String> {
+    let first = timeout(TOKEN_TIME, socket.recv()).await.map_err(|_| "no token came".to_owned())?;
+    let Some(Ok(Message::Text(text))) = first else { return Err("the first message must be the token".to_owned()) };
+    let value: Value = serde_json::from_str(&text).unwrap_or_default();
+    let offered = value["token"].as_str().unwrap_or_default();
+    served.gate.check_token(offered).map_err(|refusal| refusal.to_string())?;
+    if served.engine.shared.watchers.load(Ordering::Relaxed) >= MOST_PAGES {
+        return Err(format!("{MOST_PAGES} pages are open: close one"));
+    }
+    let channel = |(key, words, unit): &(&str, &str, &str)| json!({ "key": key, "words": words, "unit": unit });
+    let hello = json!({
+        "kind": "hello",
+        "version": env!("CARGO_PKG_VERSION"),
+        "rate_hz": served.engine.rate_hz,
+        "channels": CHANNEL_TABLE.iter().map(channel).collect::<Vec<_>>(),
+        "parameters": parameters::tree(),
+        "limits": control_core::Limits::from_bits(u8::MAX).words().collect::<Vec<_>>(),
+        "runs": served.engine.runs.display().to_string(),
+        "time_samples": served.engine.shared.history().end(),
+    });
+    socket.send(Message::Text(hello.to_string().into())).await.map_err(|error| error.to_string())
+}
+
+/// One page's state here.
+struct Page {
+    id: PageId,
+    served: Arc<Served>,
+    watch: Watch,
+    /// Samples of the loop plot; 0 for none.
+    span: u64,
+    wants_spectrum: bool,
+    /// Version of what changes seldom that the page has.
+    seen: u64,
+    frames: u64,
+}
+
+impl Page {
+    async fn talk(&mut self, socket: &mut WebSocket) {
+        let mut frames = interval(Duration::from_secs(1) / FRAMES);
+        // A page that was slow gets the next frame when it is due, not all that it missed.
+        frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        loop {
+            tokio::select! {
+                message = socket.recv() => {
+                    let text = match message {
+                        Some(Ok(Message::Text(text))) => text,
+                        Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
+                        Some(Ok(Message::Binary(_) | Message::Close(_)) | Err(_)) | None => return,
+                    };
+                    for reply in self.answer(&text).await {
+                        if socket.send(reply).await.is_err() {
+                            return;
+                        }
+                    }
+                }
+                _ = frames.tick() => {
+                    for message in self.frame() {
+                        if socket.send(message).await.is_err() {
+                            return;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// What a tick brings.
+    fn frame(&mut self) -> Vec<Message> {
+        let mut messages = Vec::new();
+        self.watch.tick(self.served.since.elapsed());
+        self.frames += 1;
+        let shared = &self.served.engine.shared;
+        {
+            let history = shared.history();
+            messages.extend(self.watch.live(&history).map(binary));
+            messages.extend(self.watch.capture(&history).map(binary));
+            if self.span > 0 && self.frames.is_multiple_of(STATUS_EVERY) {
+                messages.push(binary(points(&history, self.span)));
+            }
+        }
+        if self.wants_spectrum && self.frames.is_multiple_of(SPECTRUM_EVERY) {
+            let samples = spectrum_samples(&shared.history());
+            messages.extend(spectrum(&samples, self.served.engine.rate_hz).map(binary));
+        }
+        if self.frames.is_multiple_of(STATUS_EVERY) {
+            messages.push(Message::Text(shared.status().to_string().into()));
+            let (version, state) = shared.state();
+            if version != self.seen {
+                self.seen = version;
+                messages.push(Message::Text(state.to_string().into()));
+            }
+            messages.push(Message::Text(self.own().to_string().into()));
+        }
+        messages
+    }
+
+    /// What is this page's alone.
+    fn own(&self) -> Value {
+        let control = match self.served.lease().holder() {
+            None => "none",
+            Some(holder) if holder == self.id => "mine",
+            Some(_) => "other",
+        };
+        json!({
+            "kind": "page",
+            "control": control,
+            "watchers": self.served.engine.shared.watchers.load(Ordering::Relaxed),
+            "lost_frames": self.watch.lost_frames,
+            "lost_samples": self.watch.lost_samples,
+        })
+    }
+
+    async fn answer(&mut self, text: &str) -> Vec<Message> {
+        let value: Value = serde_json::from_str(text).unwrap_or_default();
+        // The number that the answer carries; a request without one gets it all the same.
+        let id = value["id"].as_u64().and_then(|id| u32::try_from(id).ok()).unwrap_or(0);
+        let asked = match Asked::deserialize(value) {
+            Ok(asked) => asked,
+            Err(error) => return vec![reply(id, Err(format!("not understood: {error}")), Value::Null)],
+        };
+        let done = match asked {
+            Asked::Beat => {
+                self.served.lease().beat(self.id, self.served.since.elapsed());
+                return Vec::new();
+            }
+            Asked::TakeControl => {
+                let taken = self.served.lease().take(self.id, self.served.since.elapsed());
+                taken.map(|()| "this page holds control".to_owned()).map_err(|held| held.to_string())
+            }
+            Asked::ReleaseControl => {
+                let had = self.served.lease().release(self.id);
+                if had {
+                    let _ = self.served.engine.ask(Wish::Stop("control was released")).await;
+                }
+                Ok("control is free".to_owned())
+            }
+            // Whoever sees that something is wrong may stop it.
+            Asked::Stop => self.served.engine.ask(Wish::Stop("by hand")).await,
+            Asked::View { length } => {
+                self.watch.set_length(length, &self.served.engine.shared.history());
+                return Vec::new();
+            }
+            Asked::Past { first, length, count } => {
+                return vec![binary(past(&self.served.engine.shared.history(), id, first, length, count))];
+            }
+            Asked::Trigger { trigger } => {
+                let history = self.served.engine.shared.history();
+                self.watch.set_trigger(trigger, &history).map(|()| "trigger".to_owned())
+            }
+            Asked::Want { span, spectrum } => {
+                (self.span, self.wants_spectrum) = (span, spectrum);
+                return Vec::new();
+            }
+            Asked::Runs => {
+                let folder = self.served.engine.runs.clone();
+                let listed = blocking(move || Ok(json!(runs::list(&folder)))).await;
+                return vec![listed_reply(id, listed)];
+            }
+            Asked::Compare { names } => {
+                let folder = self.served.engine.runs.clone();
+                let compared = blocking(move || runs::compare(&folder, &names).map(|runs| json!(runs))).await;
+                return vec![listed_reply(id, compared)];
+            }
+            other => match wish(other) {
+                Some(wish) if self.served.lease().is_held_by(self.id) => self.served.engine.ask(wish).await,
+                Some(_) => Err("this page watches: take control first".to_owned()),
+                None => Err("not understood".to_owned()),
+            },
+        };
+        vec![reply(id, done, Value::Null)]
+    }
+}
+
+/// What only the page that holds control may wish.
+fn wish(asked: Asked) -> Option<Wish> {
+    Some(match asked {
+        Asked::Arm => Wish::Arm,
+        Asked::Run => Wish::Run,
+        Asked::ClearFault => Wish::ClearFault,
+        Asked::Play { text } => Wish::Play(text),
+        Asked::Apply { values } => Wish::Apply(values),
+        Asked::Undo => Wish::Undo,
+        Asked::Save { name } => Wish::Save(name),
+        Asked::Load { name } => Wish::Load(name),
+        Asked::Record { name } => Wish::Record(name),
+        Asked::EndRecord => Wish::EndRecord,
+        Asked::Experiments => Wish::Experiments,
+        Asked::Diagnose => Wish::Diagnose,
+        Asked::AddEffect => Wish::AddEffect,
+        Asked::Reconnect => Wish::Reconnect,
+        _ => return None,
+    })
+}
+
+/// Files are read beside the sockets' thread.
+async fn blocking(work: impl FnOnce() -> Result<Value, String> + Send + 'static) -> Result<Value, String> {
+    tokio::task::spawn_blocking(work).await.unwrap_or_else(|error| Err(error.to_string()))
+}
+
+fn binary(bytes: Vec<u8>) -> Message {
+    Message::Binary(bytes.into())
+}
+
+fn listed_reply(id: u32, listed: Result<Value, String>) -> Message {
+    match listed {
+        Ok(value) => reply(id, Ok(String::new()), value),
+        Err(error) => reply(id, Err(error), Value::Null),
+    }
+}
+
+fn reply(id: u32, done: Result<String, String>, value: Value) -> Message {
+    let (ok, text) = match done {
+        Ok(text) => (true, text),
+        Err(text) => (false, text),
+    };
+    Message::Text(json!({ "kind": "reply", "id": id, "ok": ok, "text": text, "value": value }).to_string().into())
+}
