@@ -150,7 +150,8 @@ Example, open loop:
 
 A SPEC is one of these, its amplitude in um (reference) or V (command):
   zero@5s  step:80um  hold:40V@5s  square:80um@1Hz  sine:100um@50Hz
-  triangle:60V@1Hz  minor-loops:60V@1Hz  sweep:20V@1-2000Hz/4s[,log]
+  triangle:60V@1Hz  minor-loops:60V@1Hz  decaying-sine:60V@8Hz/2s
+  sweep:20V@1-2000Hz/4s[,log]
   ladder:60V/8,hold=2s  file:PATH[,unit=V]
   multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
 or several of them joined by + into a sequence.
