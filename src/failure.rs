@@ -76,6 +76,7 @@ impl Failure {
             "blind-check",
             "board",
             "hil",
+            "record",
             "reproduce",
             "design",
         ];
@@ -177,7 +178,7 @@ impl From<LockstepError<RunError>> for Failure {
         match error {
             LockstepError::Row(error) => error.into(),
             LockstepError::Session(SessionError::Link(error)) => error.into(),
-            LockstepError::Parameters(_) => Self::call(error.to_string()),
+            LockstepError::Parameters(_) | LockstepError::LinkTooSlow { .. } => Self::call(error.to_string()),
             error => Self::hardware(error.to_string()),
         }
     }

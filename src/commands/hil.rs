@@ -1,26 +1,22 @@
 //! `hysteron hil`: the control code on a board against the simulated plant: a run directory, and what the link did.
 
 use crate::arguments::{HilCall, spec_files};
-use crate::commands::{board, board_serve};
+use crate::commands::board;
+use crate::commands::link::{link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::{Faults, Faulty};
-use hil_bridge::in_process::InProcess;
-use hil_bridge::in_virtual::InVirtual;
-use hil_bridge::link::{Link, Place};
+use hil_bridge::link::Link;
 use hil_bridge::lockstep::{Outcome, prepare, probe, run};
 use hil_bridge::run_directory::{Facts, RunDirectory, RunError, check_place};
-use hil_bridge::session::{Board, Session};
+use hil_bridge::session::Board;
 use hil_bridge::statistics::Statistics;
-use hil_bridge::tcp::Tcp;
 use plant_sim::experiment::{Program, Setup};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use plant_sim::spec::{Spec, Unit};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::Path;
-use std::time::Duration;
-use virtual_board::Image;
 use virtual_board::waveform::Waveform;
 
 /// Samples of a probe: ten are slower than the 99.9 %.
@@ -65,15 +61,16 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         .map(str::parse)
         .transpose()
         .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
-    let (plant_bytes, controller_bytes) = (content(plant)?, content(controller)?);
+    let (plant_bytes, controller_bytes) = (output::content(plant)?, output::content(controller)?);
     let mut reference_files = Vec::new();
     for path in spec_files(std::iter::once(&spec)) {
-        reference_files.push((output::file_name(path), content(path)?));
+        reference_files.push((output::file_name(path), output::content(path)?));
     }
     check_place(out)?;
 
-    let link = Faulty::new(open(call, Some(&model))?, faults.unwrap_or_default(), call.seed);
-    let mut session = session(call, link);
+    let link =
+        Faulty::new(open(&call.at, Some(&model), call.rate, call.seed, None)?, faults.unwrap_or_default(), call.seed);
+    let mut session = session(&call.at, link);
     let ready = prepare::<_, RunError>(&mut session, &settings, &waveform, call.clear_fault)?;
     let mut warnings = model.warnings();
     warnings.extend(board::margins(&settings, call.rate, ready.latency_s, &chain)?);
@@ -91,7 +88,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut directory = RunDirectory::create(
         out,
         &Facts {
-            place: &call.board,
+            place: &call.at.board,
             ready: &ready,
             plant: (&output::file_name(plant), &plant_bytes),
             controller: (&output::file_name(controller), &controller_bytes),
@@ -143,55 +140,10 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
 
 fn probe_link(call: &HilCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
-    let mut session = session(call, open(call, model.as_ref())?);
+    let mut session = session(&call.at, open(&call.at, model.as_ref(), call.rate, call.seed, None)?);
     let board = probe::<_, RunError>(&mut session, PROBES)?;
     say(call, &board, session.statistics(), None);
     Ok(())
-}
-
-fn session<L: Link>(call: &HilCall, link: L) -> Session<L> {
-    let session = Session::new(link);
-    match call.patience_ms {
-        Some(ms) => session.with_patience(Duration::from_millis(ms)),
-        None => session,
-    }
-}
-
-/// The link that the call names.
-fn open(call: &HilCall, model: Option<&Model>) -> Result<Box<dyn Link>, Failure> {
-    if call.image.is_some() && call.board != Place::Virtual {
-        return Err(Failure::call("--image is for --board virtual: leave it out"));
-    }
-    Ok(match &call.board {
-        Place::InProcess => Box::new(InProcess::nucleo()),
-        Place::Virtual => {
-            let (Some(image), Some(model)) = (&call.image, model) else {
-                return Err(Failure::call(
-                    "--board virtual needs --image IMAGE.elf (cargo xtask firmware) and --plant",
-                ));
-            };
-            let image = Image::read(image).map_err(|error| Failure::file(error.to_string()))?;
-            let bench = board_serve::bench(&image, model, call.rate, call.seed, None)?;
-            Box::new(InVirtual::new(&image, &bench, call.rate)?)
-        }
-        Place::Tcp(address) => Box::new(Tcp::connect(address)?),
-        Place::Serial(path) => serial(path, call.baud)?,
-    })
-}
-
-#[cfg(unix)]
-fn serial(path: &Path, baud: u32) -> Result<Box<dyn Link>, Failure> {
-    Ok(Box::new(hil_bridge::serial::Serial::open(path, baud)?))
-}
-
-#[cfg(not(unix))]
-fn serial(_: &Path, _: u32) -> Result<Box<dyn Link>, Failure> {
-    Err(Failure::call("--board serial: not on this system; use tcp"))
-}
-
-fn content(path: &Path) -> Result<Vec<u8>, Failure> {
-    std::fs::read(path)
-        .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))
 }
 
 fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Outcome, usize, &Path)>) {
@@ -206,19 +158,8 @@ fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Out
         }
         return output::line(&value.to_string());
     }
-    let us = |key: &str| link["round_trip_us"][key].as_f64().map_or("-".to_owned(), |us| format!("{us:.1}"));
-    let trips = format!("{} / {} / {} / {} us", us("p50"), us("p99"), us("p99_9"), us("max"));
-    let count = |key: &str| link.get(key).map_or_else(String::new, Value::to_string);
-    let counts = |keys: [&str; 4]| keys.map(count).join(", ");
-    let mut facts = vec![
-        ("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware)),
-        ("round trip, 50 / 99 / 99.9 % / most".to_owned(), trips),
-        ("requests, answered, lost, late".to_owned(), counts(["requests", "answered", "lost", "late"])),
-        (
-            "CRC errors, malformed, missing, resyncs".to_owned(),
-            counts(["crc_errors", "malformed", "missing", "resyncs"]),
-        ),
-    ];
+    let mut facts = vec![("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware))];
+    facts.extend(link_facts(&link));
     if let (None, Some(hz)) = (run, statistics.paced_hz()) {
         facts.push(("in real time at most".to_owned(), format!("{hz:.0} Hz, half of 1 / (99.9 % round trip)")));
     }

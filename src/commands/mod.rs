@@ -10,7 +10,9 @@ mod diagnose;
 mod effects;
 mod hil;
 mod identify;
+mod link;
 mod logs;
+mod record;
 mod replay;
 mod reproduce;
 mod simulate;
@@ -32,6 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::Hil(call)) => hil::hil(call),
+        Some(Command::Record(call)) => record::record(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }
