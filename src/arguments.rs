@@ -515,8 +515,11 @@ pub struct HilCall {
     #[arg(long, value_name = "RUNDIR", required_unless_present = "probe_link")]
     pub out: Option<PathBuf>,
     /// Only measure the link: 10,000 samples to a board that stays idle
-    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "clear_fault"])]
+    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "clear_fault", "paced"])]
     pub probe_link: bool,
+    /// In real time: refused beyond 1 / (2 x the 99.9 % round trip), which is measured first; the drive acts half a sample late
+    #[arg(long)]
+    pub paced: bool,
     /// Leave a fault that the board is in
     #[arg(long)]
     pub clear_fault: bool,

@@ -8,6 +8,7 @@
 //! | [`statistics`] | what a link does to frames: round trips, losses, damage |
 //! | [`faulty`] | a wrapper that damages what passes any link, by a seed |
 //! | [`lockstep`] | the loop: the plant's measurement to the board, the board's drive to the plant |
+//! | [`paced`] | the same loop in real time, where the link is quick enough |
 //! | [`pins`] | a bench on the board's own pins: what the board streams, written down |
 //! | [`run_directory`] | a run on disk, readable whatever ended it |
 //! | [`experiments`], [`recording`] | sets of experiments for a bench, and several of them on disk |
@@ -32,6 +33,7 @@ pub mod in_process;
 pub mod in_virtual;
 pub mod link;
 pub mod lockstep;
+pub mod paced;
 pub mod pins;
 pub mod recording;
 pub mod run_directory;

@@ -256,7 +256,7 @@ pub fn run_on<L: Link, E>(
 }
 
 /// Reads the plant and asks the board; the mode it answered, if it did.
-fn sample<L: Link>(
+pub(crate) fn sample<L: Link>(
     session: &mut Session<L>,
     ready: &Ready,
     bench: &mut Bench,
@@ -284,7 +284,12 @@ fn sample<L: Link>(
 }
 
 /// Stops the loop and goes on until the board is at 0 V, so that the next run finds it idle.
-fn end<L: Link>(session: &mut Session<L>, ready: &Ready, bench: &mut Bench, last: &Row) -> Result<(), SessionError> {
+pub(crate) fn end<L: Link>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    last: &Row,
+) -> Result<(), SessionError> {
     // In its fault mode the board is on its way already.
     let is_faulted = session.status()?.fault != 0;
     if !is_faulted {

@@ -58,6 +58,8 @@ pub struct Facts<'a> {
     pub samples: usize,
     /// Seed of the sensor's noise and of lost commands.
     pub seed: u64,
+    /// The plant kept to the clock.
+    pub is_paced: bool,
     /// Faults of the link, made on purpose, with their seed.
     pub link_faults: Option<(&'a str, u64)>,
 }
@@ -186,6 +188,7 @@ impl RunDirectory {
         value["is_complete"] = outcome.is_some().into();
         if let Some(outcome) = outcome {
             value["lost_samples_total"] = outcome.lost.len().into();
+            value["overruns"] = outcome.overruns.into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
         }
@@ -234,7 +237,7 @@ fn json(facts: &Facts<'_>) -> Value {
     json!({
         "schema": "hysteron-run-1",
         "program": format!("hysteron {}", env!("CARGO_PKG_VERSION")),
-        "mode": "lockstep",
+        "mode": if facts.is_paced { "paced" } else { "lockstep" },
         "link": facts.place.to_string(),
         "link_faults": facts.link_faults.map(|(faults, seed)| json!({ "shares": faults, "seed": seed })),
         "board": facts.ready.board.board,

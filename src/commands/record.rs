@@ -253,7 +253,7 @@ fn play<L: Link>(
         let ready = prepare(call, plan, session, experiment.controller, played, false)?;
         recording.begin(index, &ready, facts)?;
         let outcome = run(session, &ready, bench.as_deref_mut(), played.samples, |session, row| {
-            if row.index % 1000 == 0 {
+            if row.index.is_multiple_of(1000) {
                 bar.set_position((done + row.index) as u64);
             }
             // Not before the loop runs: what starts it is not what such a run is about.
