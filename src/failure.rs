@@ -77,6 +77,7 @@ impl Failure {
             "board",
             "hil",
             "record",
+            "export",
             "reproduce",
             "design",
         ];

@@ -8,6 +8,7 @@ mod demo;
 mod design;
 mod diagnose;
 mod effects;
+mod export;
 mod hil;
 mod identify;
 mod link;
@@ -34,6 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::Hil(call)) => hil::hil(call),
+        Some(Command::Export(call)) => export::export(call),
         Some(Command::Record(call)) => record::record(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
