@@ -114,6 +114,10 @@ impl Record<'_> {
             }
             let Some((first, expected)) = &mut self.first else { continue };
             let index = number.wrapping_sub(*first) as usize;
+            // A block that comes behind its turn was counted as lost, and rows are in order.
+            if index < *expected {
+                continue;
+            }
             let end = index.min(self.samples);
             self.outcome.lost.extend(*expected..end);
             *expected = index + 1;
@@ -163,4 +167,53 @@ fn leave<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
         session.next_block(LOOK)?;
     }
     session.stop_stream()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::Board;
+    use control_core::Limits;
+    use wire::{Converters, Parameters};
+
+    /// What becomes of blocks that begin with these numbers, four running samples each.
+    fn rows(firsts: &[u32]) -> (Vec<usize>, Vec<usize>) {
+        let (parameters, converters) = (Parameters::NUCLEO_PI1, Converters::NUCLEO_G474RE);
+        let checked = parameters.check(&converters).unwrap();
+        let board = Board { board: String::new(), firmware: String::new(), converters };
+        let ready = Ready { board, parameters, checked, latency_s: 10e-6 };
+        let running = Sample {
+            reference: 0,
+            displacement: 2048,
+            monitor: 2048,
+            drive: 2048,
+            limited_by: Limits::NONE,
+            flags: Flags(ModeName::Running as u8),
+        };
+        let mut record = Record::new(&ready, 100, 1000);
+        let mut rows = Vec::new();
+        for &first in firsts {
+            let block = Block { first, every: 1, dropped: 0, samples: vec![running; 4] };
+            let taken = record.take(&block, |row| {
+                rows.push(row.index);
+                Ok::<(), ()>(())
+            });
+            if taken.unwrap().is_break() {
+                break;
+            }
+        }
+        (rows, record.outcome.lost)
+    }
+
+    #[test]
+    fn a_block_twice_or_behind_its_turn_makes_no_row_and_one_of_before_none_either() {
+        assert_eq!(rows(&[1001, 1005]), ((0..8).collect(), vec![]));
+        // Of the stream before; the loop ran in it, too.
+        assert_eq!(rows(&[900, 1001, 1005]), ((0..8).collect(), vec![]));
+        assert_eq!(rows(&[1001, 1001, 1005]), ((0..8).collect(), vec![]));
+        assert_eq!(rows(&[1001, 1009, 1005, 1013]), ([0..4, 8..16].into_iter().flatten().collect(), (4..8).collect()));
+        // The board began anew.
+        let (kept, lost) = rows(&[2001, 3, 7]);
+        assert_eq!((kept, lost), ((0..4).collect(), (4..100).collect()));
+    }
 }

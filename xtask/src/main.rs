@@ -63,6 +63,15 @@ enum Task {
     Tidy,
     /// cargo-deny: licences, sources, bans, and advisories where their database can be had
     Deny,
+    /// Nonsense on the link, seed after seed, for a limited time
+    Fuzz {
+        /// For so many seconds
+        #[arg(long, default_value_t = checks::FUZZ_SECONDS)]
+        seconds: u32,
+        /// The first seed; from the clock where not given
+        #[arg(long)]
+        seed: Option<u32>,
+    },
     /// Second tier: soaks and big inputs, minutes to hours
     Long {
         /// Tasks to run; all by default
@@ -111,6 +120,7 @@ fn run(task: Task) -> Result<Outcome> {
         Task::Arrows => arrows::run(&project),
         Task::Tidy => tidy::run(&project),
         Task::Deny => deny::run(&project),
+        Task::Fuzz { seconds, seed } => checks::fuzz(&project, seconds, seed),
         Task::Long { names, list } => long::run(&project, &names, list),
         Task::Report => report::run(&project),
         Task::Bench => bench(&project),
