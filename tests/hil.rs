@@ -5,7 +5,7 @@ mod support;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, hysteron, image, root, run, stderr, stdout};
+use support::{Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, stderr, stdout};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
@@ -232,40 +232,6 @@ fn paced_it_keeps_to_the_clock_and_refuses_a_link_that_is_too_slow_with_the_numb
     let output = run(&folder, &paced("in-process", "unstable").replace("pi2.toml", "pi1.toml"));
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains("unstable"), "{}", stderr(&output));
-}
-
-/// Answers everything that comes in with `answer`, or hangs up.
-fn impostor(answer: Option<Vec<u8>>) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = listener.local_addr().expect("an address");
-    std::thread::spawn(move || {
-        let Ok((mut host, _)) = listener.accept() else { return };
-        let mut bytes = [0; 512];
-        while host.read(&mut bytes).is_ok_and(|n| n > 0) {
-            match &answer {
-                Some(answer) if host.write_all(answer).is_ok() => {}
-                _ => return,
-            }
-        }
-    });
-    format!("tcp:{address}")
-}
-
-/// An identity as a board of `firmware` sends it.
-fn identity(firmware: &str) -> Vec<u8> {
-    let identity = wire::Identity {
-        version: wire::VERSION,
-        board: "nucleo-g474re",
-        firmware,
-        converters: wire::Converters::NUCLEO_G474RE,
-        reference_step_m: 1e-9,
-        table_samples: 4096,
-        segments: 16,
-        capture_samples: 0,
-    };
-    let mut bytes = [0; wire::MAX_ENCODED_BYTES];
-    let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
-    bytes[..n].to_vec()
 }
 
 #[test]

@@ -4,7 +4,7 @@ mod support;
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, column, image, json, root, run, stderr, succeeded};
+use support::{Folder, PI1, PLANT, column, identity, image, impostor, json, root, run, stderr, succeeded};
 
 const PI2: &str = "controllers/pi2.toml";
 
@@ -269,6 +269,18 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
             "serial:/dev/not-there: No such file or directory (os error 2); plug the board in",
         ),
         (at("serial:@/plain.txt"), 2, "plain.txt: no serial port; name another port"),
+        (
+            at(&impostor(Some(identity("0.0.9 abc")))),
+            4,
+            concat!("the board runs firmware 0.0.9 abc, this program is ", env!("CARGO_PKG_VERSION"), ": flash"),
+        ),
+        // What another baud rate makes of an answer: bytes that are no frame.
+        (
+            at(&impostor(Some(vec![0x5c, 0xff, 0xe0, 0x00, 0x7c, 0x1f, 0x00]))) + " --patience-ms 50",
+            4,
+            "the board does not answer Hello; look after power, cable, port and baud rate",
+        ),
+        (at(&impostor(None)), 4, "look after cable and board"),
         (at("in-process"), 2, "--board in-process has no pins: give --plant"),
         (at("virtual"), 2, "--board virtual needs --image"),
         (closed.clone(), 2, "step:40um@0.1s is a displacement: give --controller"),
