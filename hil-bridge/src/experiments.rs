@@ -69,20 +69,22 @@ impl Set {
             ]
             .concat(),
             Set::Diagnosis => {
+                // Rest before the first motion: from it the state at the start is fitted.
+                let rested = |spec: &str| format!("zero@0.1s+{spec}");
                 let levels = [0, 20, 40, 60, 30, 0, -30, -60, -20, 0].map(|volts| format!("hold:{volts}V@0.1s"));
                 // A period must fit the table of a board, 4096 samples.
                 let lowest_hz = rate_hz / 4000.0;
                 let highest_hz = (0.4 * rate_hz).min(1280.0);
                 [
-                    open("demagnetising", "decaying-sine:60V@8Hz/2s"),
+                    open("demagnetising", &rested("decaying-sine:60V@8Hz/2s")),
                     open("steps", &levels.join("+")),
                     open(
                         "sines",
-                        "sine:60V@1Hz/1s+sine:60V@10Hz/0.5s+sine:60V@50Hz/0.2s+sine:60V@100Hz/0.2s+sine:60V@150Hz/0.2s",
+                        &rested("sine:60V@1Hz/1s+sine:60V@10Hz/0.5s+sine:60V@50Hz/0.2s+sine:60V@100Hz/0.2s+sine:60V@150Hz/0.2s"),
                     ),
-                    open("multisine", &format!("multisine:60V@{lowest_hz}-{highest_hz}Hz,periods=4,seed=1")),
-                    open("hold", "hold:40V@5.5s+zero@0.5s"),
-                    closed("loop", "step:20um@0.1s+step:60um@0.1s+step:-20um@0.1s+sine:40um@25Hz/0.3s"),
+                    open("multisine", &rested(&format!("multisine:60V@{lowest_hz}-{highest_hz}Hz,periods=4,seed=1"))),
+                    open("hold", &rested("hold:40V@5.5s+zero@0.5s")),
+                    closed("loop", &rested("step:20um@0.1s+step:60um@0.1s+step:-20um@0.1s+sine:40um@25Hz/0.3s")),
                 ]
                 .concat()
             }
