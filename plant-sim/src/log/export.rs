@@ -22,7 +22,7 @@ const BATCH: usize = 65_536;
 /// Writes a whole log; the extension (`.csv`, `.npy`, `.mat`, `.parquet`, `.mf4`) says how.
 ///
 /// # Errors
-/// As [`write`]; [`LogError::NotBuilt`] for a format that this program was built without.
+/// As [`write()`]; [`LogError::NotBuilt`] for a format that this program was built without.
 pub fn export(path: &Path, log: &Log) -> Result<(), LogError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match extension.as_deref() {
