@@ -1,9 +1,12 @@
 //! Arguments as typed; every number is checked here, so that the commands see only what can be meant.
 
+mod boards;
+
+pub use boards::{BoardArguments, HilCall, RecordCall};
+
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
 use gap_diagnosis::identify::tfest::MOST_ORDER;
-use hil_bridge::link::Place;
 use plant_sim::log::ReadOptions;
 use plant_sim::replay::Initial;
 use plant_sim::spec::{Shape, Spec};
@@ -57,6 +60,10 @@ pub enum Command {
     Hil(HilCall),
     /// The bench in a browser: watch, tune, record and diagnose a board in the loop
     Serve(ServeCall),
+    /// Experiments on a bench that hangs on the board's own pins: writes a run directory
+    Record(RecordCall),
+    /// A log as another kind of file: CSV, NPY, MAT v5, and Parquet or MDF 4 where they were built in
+    Export(ExportCall),
 }
 
 #[derive(Subcommand)]
@@ -77,13 +84,15 @@ impl Command {
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
             Command::Board(BoardCommand::Serve(_)) => None,
             Command::Reproduce(call) => Some((None, &call.out)),
+            Command::Export(call) => Some((None, &call.out)),
             Command::Design(call) => Some((Some(&call.show), &call.out)),
             // A diagnosis, a blind check and a run write into a directory.
             Command::Diagnose(_)
             | Command::Effects(_)
             | Command::BlindCheck(_)
             | Command::Hil(_)
-            | Command::Serve(_) => None,
+            | Command::Serve(_)
+            | Command::Record(_) => None,
         }
     }
 
@@ -99,6 +108,7 @@ impl Command {
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
             Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
+            Command::Export(call) => vec![&call.log],
             Command::Identify(call) => {
                 call.plant.iter().chain(&call.logs).chain(&call.held_out).map(PathBuf::as_path).collect()
             }
@@ -110,7 +120,8 @@ impl Command {
             | Command::BlindCheck(_)
             | Command::Reproduce(_)
             | Command::Hil(_)
-            | Command::Serve(_) => Vec::new(),
+            | Command::Serve(_)
+            | Command::Record(_) => Vec::new(),
         }
     }
 }
@@ -160,7 +171,8 @@ Example, open loop:
 
 A SPEC is one of these, its amplitude in um (reference) or V (command):
   zero@5s  step:80um  hold:40V@5s  square:80um@1Hz  sine:100um@50Hz
-  triangle:60V@1Hz  minor-loops:60V@1Hz  sweep:20V@1-2000Hz/4s[,log]
+  triangle:60V@1Hz  minor-loops:60V@1Hz  decaying-sine:60V@8Hz/2s
+  sweep:20V@1-2000Hz/4s[,log]
   ladder:60V/8,hold=2s  file:PATH[,unit=V]
   multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
 or several of them joined by + into a sequence.
@@ -481,59 +493,19 @@ pub struct BoardServeCall {
 
 #[derive(Args)]
 #[command(after_help = "Examples:
-  hysteron hil --board in-process --plant models/thesis-phs.toml \\
-    --controller controllers/pi1.toml --reference step:80um --seconds 0.05 --out run
-  hysteron hil --board serial:/dev/ttyACM0 --probe-link
-The plant waits for the board, so that the same seed gives the same log.csv over
-every link that loses nothing. run/ holds run.json, plant.toml, controller.toml,
-log.csv (readable while it grows) and link.json. A board whose link loses
-samples holds its drive; link.json names them.")]
-pub struct HilCall {
-    /// Where the board is: in-process (the law alone), virtual (--image), tcp:HOST:PORT or serial:PATH
-    #[arg(long, value_name = "PLACE")]
-    pub board: Place,
-    /// The flash image, for --board virtual
-    #[arg(long, value_name = "IMAGE.elf")]
-    pub image: Option<PathBuf>,
-    /// Plant, a model file
-    #[arg(long, value_name = "P.toml", required_unless_present = "probe_link")]
-    pub plant: Option<PathBuf>,
-    /// Controller, a controller file
-    #[arg(long, value_name = "C.toml", required_unless_present = "probe_link")]
-    pub controller: Option<PathBuf>,
-    /// What the displacement shall follow, such as step:80um; SPECs as in simulate, without `,shaped`
-    #[arg(long, value_name = "SPEC", required_unless_present = "probe_link")]
-    pub reference: Option<String>,
-    /// Samples per second of the loop; must divide the board's clock
-    #[arg(long, value_name = "HZ", default_value = "20000", value_parser = positive, allow_negative_numbers = true)]
-    pub rate: f64,
-    /// Length; the SPEC's own length where it has one
-    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true)]
-    pub seconds: Option<f64>,
-    /// Seed of the sensor's noise and of lost commands
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Run directory to write, empty or not there
-    #[arg(long, value_name = "RUNDIR", required_unless_present = "probe_link")]
-    pub out: Option<PathBuf>,
-    /// Only measure the link: 10,000 samples to a board that stays idle
-    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "clear_fault"])]
-    pub probe_link: bool,
-    /// Bits per second of a serial port
-    #[arg(long, value_name = "BAUD", default_value_t = 3_000_000)]
-    pub baud: u32,
-    /// How long an answer may take; 100 on a serial port, 5000 on TCP, 50 of its own time on a virtual board
-    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=600_000))]
-    pub patience_ms: Option<u64>,
-    /// Leave a fault that the board is in
-    #[arg(long)]
-    pub clear_fault: bool,
-    /// Damage frames on purpose while the loop runs: drop=0.01,delay=0.01,flip=0.01,reorder=0.01,stall=0.01
-    #[arg(long, value_name = "KIND=SHARE,..")]
-    pub link_faults: Option<String>,
-    /// Print the outcome as JSON on standard output
-    #[arg(long)]
-    pub json: bool,
+  hysteron export run/log.csv --out log.mat
+  hysteron export bench.csv --columns time=t_s,command=u_V,displacement=y_um \\
+    --out bench.npy
+MATLAB gets a variable a column and one for each metadatum. NPY has no room for
+metadata. .parquet and .mf4 need a program built with --features parquet,mf4.")]
+pub struct ExportCall {
+    /// Log to read (CSV, NPY or MAT v5)
+    pub log: PathBuf,
+    /// Log to write; its ending says the kind: .csv, .npy, .mat, .parquet, .mf4
+    #[arg(long, value_name = "LOG.mat")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub read: ReadArguments,
 }
 
 #[derive(Args)]
@@ -548,15 +520,8 @@ link lets it; the page says how far. --bench is a plant that differs from
 --plant, say by an [[effect]]: what a diagnosis on the page is to find.
 Escape on the page stops; the safety of a real bench is its wired stop.")]
 pub struct ServeCall {
-    /// Where the board is: in-process (the law alone), virtual (--image), tcp:HOST:PORT or serial:PATH
-    #[arg(long, value_name = "PLACE", default_value = "in-process")]
-    pub board: Place,
-    /// The flash image, for --board virtual
-    #[arg(long, value_name = "IMAGE.elf")]
-    pub image: Option<PathBuf>,
-    /// Bits per second of a serial port
-    #[arg(long, value_name = "BAUD", default_value_t = 3_000_000)]
-    pub baud: u32,
+    #[command(flatten)]
+    pub at: BoardArguments,
     /// Plant that predicts, a model file
     #[arg(long, value_name = "P.toml")]
     pub plant: PathBuf,
@@ -729,6 +694,10 @@ fn positive(text: &str) -> Result<f64, String> {
 
 fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err("must not be negative".into()) })
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|v| if v <= 1.0 { Ok(v) } else { Err("must not be greater than 1".into()) })
 }
 
 fn shard(text: &str) -> Result<Shard, String> {

@@ -78,6 +78,8 @@ impl Failure {
             "board",
             "hil",
             "serve",
+            "record",
+            "export",
             "reproduce",
             "design",
         ];
@@ -179,7 +181,7 @@ impl From<LockstepError<RunError>> for Failure {
         match error {
             LockstepError::Row(error) => error.into(),
             LockstepError::Session(SessionError::Link(error)) => error.into(),
-            LockstepError::Parameters(_) => Self::call(error.to_string()),
+            LockstepError::Parameters(_) | LockstepError::LinkTooSlow { .. } => Self::call(error.to_string()),
             error => Self::hardware(error.to_string()),
         }
     }

@@ -84,6 +84,12 @@ pub fn page_path(show: &Show, out: &Path) -> Option<PathBuf> {
     show.page.clone().or_else(beside)
 }
 
+/// The bytes of a file that a call names.
+pub fn content(path: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(path)
+        .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))
+}
+
 /// Whether `path` is there and is neither a file nor a directory.
 fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())

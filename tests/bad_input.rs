@@ -291,7 +291,7 @@ fn wrong_specs() {
         );
         bench.refused(&open_loop(spec, "20000", "0.01"), 2, &line);
     };
-    let known = "known: zero, step, square, sine, triangle, sweep, ladder, hold, multisine, minor-loops, file:PATH";
+    let known = "known: zero, step, square, sine, decaying-sine, triangle, sweep, ladder, hold, multisine, minor-loops, file:PATH";
     for (spec, reason) in [
         ("stp:80V", &*format!("unknown kind \"stp\"; {known}")),
         ("step:80", "amplitude \"80\" needs its unit, um or V"),

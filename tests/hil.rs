@@ -5,7 +5,7 @@ mod support;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, hysteron, image, root, run, stderr, stdout};
+use support::{Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, stderr, stdout};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
@@ -179,38 +179,59 @@ fn a_probe_says_what_the_link_does() {
     assert!(said["link"]["round_trip_us"]["p99_9"].as_f64() >= said["link"]["round_trip_us"]["p50"].as_f64());
 }
 
-/// Answers everything that comes in with `answer`, or hangs up.
-fn impostor(answer: Option<Vec<u8>>) -> String {
+/// A board in process behind TCP that takes its time.
+fn slow_board(delay: std::time::Duration) -> String {
+    use hil_bridge::link::Link;
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
     std::thread::spawn(move || {
         let Ok((mut host, _)) = listener.accept() else { return };
-        let mut bytes = [0; 512];
-        while host.read(&mut bytes).is_ok_and(|n| n > 0) {
-            match &answer {
-                Some(answer) if host.write_all(answer).is_ok() => {}
-                _ => return,
+        let mut board = hil_bridge::in_process::InProcess::nucleo();
+        let (mut bytes, mut answer) = ([0; 512], Vec::new());
+        while let Ok(n @ 1..) = host.read(&mut bytes) {
+            std::thread::sleep(delay);
+            answer.clear();
+            let told = board.send(&bytes[..n]).and_then(|()| board.receive(delay, &mut answer));
+            if told.is_err() || host.write_all(&answer).is_err() {
+                return;
             }
         }
     });
     format!("tcp:{address}")
 }
 
-/// An identity as a board of `firmware` sends it.
-fn identity(firmware: &str) -> Vec<u8> {
-    let identity = wire::Identity {
-        version: wire::VERSION,
-        board: "nucleo-g474re",
-        firmware,
-        converters: wire::Converters::NUCLEO_G474RE,
-        reference_step_m: 1e-9,
-        table_samples: 4096,
-        segments: 16,
-        capture_samples: 0,
+#[test]
+fn paced_it_keeps_to_the_clock_and_refuses_a_link_that_is_too_slow_with_the_numbers() {
+    let folder = Folder::new("hil-paced");
+    let paced = |board: &str, out: &str| {
+        call(board, out).replace("pi1.toml", "pi2.toml").replace("0.05", "0.2") + " --rate 5000 --paced"
     };
-    let mut bytes = [0; wire::MAX_ENCODED_BYTES];
-    let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
-    bytes[..n].to_vec()
+    let begun = std::time::Instant::now();
+    let output = run(&folder, &paced("in-process", "run"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(begun.elapsed().as_secs_f64() > 0.19);
+    let facts = json(&folder.read("run/run.json"));
+    assert_eq!((&facts["mode"], &facts["latency_us"]), (&"paced".into(), &100.0.into()));
+    assert!(folder.read("run/log.csv").contains("# latency_us: 100\n"));
+    // What the loop is worth at this rate and with this delay, of each controller that lies there.
+    for told in ["pi1.toml unstable", "pi2.toml stable: gain margin"] {
+        assert!(stdout(&output).contains(told), "{told}: {}", stdout(&output));
+    }
+
+    let board = slow_board(std::time::Duration::from_micros(300));
+    let output = run(&folder, &paced(&board, "slow"));
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("5000 Hz is too fast in real time: 99.9 % of the round trips over this link take up to "),
+        "{said}"
+    );
+    assert!(said.contains("pi1.toml unstable") && said.contains("pi2.toml ") && said.lines().count() == 1, "{said}");
+    assert!(!folder.path("slow").exists());
+    // An unstable loop is refused although the link would do.
+    let output = run(&folder, &paced("in-process", "unstable").replace("pi2.toml", "pi1.toml"));
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("unstable"), "{}", stderr(&output));
 }
 
 #[test]

@@ -64,6 +64,7 @@ impl Recorder {
             samples: subject.samples,
             seed: subject.seed,
             link_faults: None,
+            is_paced: false,
         };
         let directory = RunDirectory::create(path, &facts)?;
         let events_path = path.join("events.jsonl");
@@ -109,7 +110,7 @@ impl Recorder {
     /// # Errors
     /// [`RunError`].
     pub fn finish(self, statistics: &Statistics, fault: Option<control_core::FaultCode>) -> Result<(), RunError> {
-        let outcome = Outcome { lost: self.lost, fault, peak_m: self.peak_m };
+        let outcome = Outcome { lost: self.lost, fault, peak_m: self.peak_m, overruns: 0 };
         self.directory.finish(statistics, &outcome)
     }
 }

@@ -232,6 +232,10 @@ impl<L: Link> Link for Faulty<L> {
     fn patience(&self) -> Duration {
         self.inner.patience()
     }
+
+    fn pause(&mut self, time: Duration) -> Result<(), LinkError> {
+        self.inner.pause(time)
+    }
 }
 
 #[cfg(test)]

@@ -52,4 +52,10 @@ impl Link for InVirtual {
     fn patience(&self) -> Duration {
         PATIENCE
     }
+
+    fn pause(&mut self, time: Duration) -> Result<(), LinkError> {
+        let limit = self.machine.now() + cycles(time);
+        self.machine.run(limit, |_| false)?;
+        Ok(())
+    }
 }

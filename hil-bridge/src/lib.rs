@@ -8,13 +8,15 @@
 //! | [`statistics`] | what a link does to frames: round trips, losses, damage |
 //! | [`faulty`] | a wrapper that damages what passes any link, by a seed |
 //! | [`lockstep`] | the loop: the plant's measurement to the board, the board's drive to the plant |
+//! | [`paced`] | the same loop in real time, where the link is quick enough |
+//! | [`pins`] | a bench on the board's own pins: what the board streams, written down |
 //! | [`run_directory`] | a run on disk, readable whatever ended it |
+//! | [`experiments`], [`recording`] | sets of experiments for a bench, and several of them on disk |
 //!
 //! **Lockstep** is hardware in the loop without real time: the plant stands still while the board thinks. The same seed gives the same
 //! bits over every link that loses nothing, as fast as the link allows.
 //!
-//! What it does not do: no control law and no plant of its own, no fitting, no drawing; nothing here stops a bench that runs through
-//! the board's analog pins.
+//! What it does not do: no control law and no plant of its own, no fitting, no drawing.
 //!
 //! ```
 //! use hil_bridge::{in_process::InProcess, session::Session};
@@ -25,11 +27,15 @@
 //! # Ok::<(), hil_bridge::session::SessionError>(())
 //! ```
 
+pub mod experiments;
 pub mod faulty;
 pub mod in_process;
 pub mod in_virtual;
 pub mod link;
 pub mod lockstep;
+pub mod paced;
+pub mod pins;
+pub mod recording;
 pub mod run_directory;
 pub mod serial;
 pub mod session;

@@ -7,6 +7,9 @@ use std::str::FromStr;
 use std::time::Duration;
 use virtual_board::MachineError;
 
+/// How late a sleep may end on a machine that is not busy: Linux adds 50 us by default; chosen with a margin.
+const GRAIN: Duration = Duration::from_micros(200);
+
 /// Why a link can't be had, or is no more.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
@@ -40,6 +43,20 @@ pub trait Link {
 
     /// How long an answer may take until its frame counts as lost.
     fn patience(&self) -> Duration;
+
+    /// Lets `time` pass, of the link's own.
+    ///
+    /// # Errors
+    /// [`LinkError`]: the link is no more.
+    fn pause(&mut self, time: Duration) -> Result<(), LinkError> {
+        let until = self.now() + time;
+        // A sleep ends late by the scheduler's grain; the rest is waited through.
+        std::thread::sleep(time.saturating_sub(GRAIN));
+        while self.now() < until {
+            std::hint::spin_loop();
+        }
+        Ok(())
+    }
 }
 
 impl<L: Link + ?Sized> Link for Box<L> {
@@ -57,6 +74,10 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn patience(&self) -> Duration {
         (**self).patience()
+    }
+
+    fn pause(&mut self, time: Duration) -> Result<(), LinkError> {
+        (**self).pause(time)
     }
 }
 

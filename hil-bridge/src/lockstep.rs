@@ -26,6 +26,8 @@ pub enum LockstepError<E> {
     Busy { mode: &'static str },
     #[error("the board is in a fault, {fault}: see to its cause, then repeat the call with --clear-fault")]
     InFault { fault: String },
+    #[error("the link carries every {every}th sample only: lower --rate to {most_hz:.0} Hz or less")]
+    LinkTooSlow { every: u16, most_hz: f64 },
     /// What the caller does with a row failed.
     #[error("{0}")]
     Row(E),
@@ -55,6 +57,8 @@ pub struct Row {
     pub command_v: f64,
     /// Reference in use.
     pub reference_m: f64,
+    /// Volts that the amplifier's monitor shows at this sample: the command of the one before. `None` where the plant is simulated here.
+    pub monitor_v: Option<f64>,
     /// Which limits acted.
     pub limited_by: Limits,
     /// The sample or its answer was lost; everything but the displacement is that of the sample before.
@@ -66,13 +70,30 @@ pub struct Row {
 pub struct Outcome {
     /// Samples whose exchange was lost.
     pub lost: Vec<usize>,
+    /// Samples whose drive came too late for its latch.
+    pub overruns: usize,
     /// The fault that the board ended in.
     pub fault: Option<FaultCode>,
     /// Largest magnitude of the true displacement at any sample, metres.
     pub peak_m: f64,
 }
 
-/// The handshake, the law's settings and the waveform: everything up to arming.
+/// What a board is to do.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// Its law's settings; those that it has where `None`.
+    pub settings: Option<&'a Settings>,
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// What it plays.
+    pub waveform: &'a Waveform,
+    /// The waveform is a reference, in metres; else a drive, in volts.
+    pub is_closed_loop: bool,
+    /// Where the displacement comes from.
+    pub input: InputSource,
+}
+
+/// The handshake, the law's settings and the waveform of a reference over the bridge: everything up to arming.
 ///
 /// # Errors
 /// [`LockstepError`]; nothing has moved then.
@@ -82,16 +103,35 @@ pub fn prepare<L: Link, E>(
     waveform: &Waveform,
     clear_fault: bool,
 ) -> Result<Ready, LockstepError<E>> {
+    let rate_hz = f64::from(settings.rate_hz);
+    let input = InputSource::Bridge;
+    let task = Task { settings: Some(settings), rate_hz, waveform, is_closed_loop: true, input };
+    prepare_task(session, &task, clear_fault)
+}
+
+/// As [`prepare`], for any task.
+///
+/// # Errors
+/// [`LockstepError`]; nothing has moved then.
+pub fn prepare_task<L: Link, E>(
+    session: &mut Session<L>,
+    task: &Task<'_>,
+    clear_fault: bool,
+) -> Result<Ready, LockstepError<E>> {
     let board = session.greet()?;
     let status = session.status()?;
     if status.mode != ModeName::Idle as u8 {
         free(session, &board, &status, clear_fault)?;
     }
-    let parameters = session.parameters()?.with_settings(settings);
+    let parameters = session.parameters()?;
+    let parameters = match task.settings {
+        Some(settings) => parameters.with_settings(settings),
+        None => Parameters { rate_hz: task.rate_hz as f32, ..parameters },
+    };
     let checked = parameters.check(&board.converters).map_err(LockstepError::Parameters)?;
     session.order(&ToBoard::SetParameters(parameters))?;
-    waveform.send(true, |request| session.order(request))?;
-    session.order(&ToBoard::Input(InputSource::Bridge))?;
+    task.waveform.send(task.is_closed_loop, |request| session.order(request))?;
+    session.order(&ToBoard::Input(task.input))?;
     let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
     Ok(Ready { board, parameters, checked, latency_s })
 }
@@ -168,9 +208,22 @@ pub fn run<L: Link, E>(
     session: &mut Session<L>,
     ready: &Ready,
     setup: &Setup<'_>,
+    on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    run_on(session, ready, &mut Bench::new(setup), setup.samples, on_row)
+}
+
+/// As [`run`], with a plant that goes on from where it is: how several experiments follow one another.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_on<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    samples: usize,
     mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
-    let mut bench = Bench::new(setup);
     let mut outcome = Outcome::default();
     session.order(&ToBoard::Arm)?;
     session.order(&ToBoard::Run)?;
@@ -179,25 +232,26 @@ pub fn run<L: Link, E>(
         displacement_m: 0.0,
         command_v: 0.0,
         reference_m: 0.0,
+        monitor_v: None,
         limited_by: Limits::NONE,
         is_lost: false,
     };
-    for index in 0..setup.samples {
-        let (row, _) = sample(session, ready, &mut bench, &Row { index, ..last })?;
+    for index in 0..samples {
+        let (row, _) = sample(session, ready, bench, &Row { index, ..last })?;
         outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
         if row.is_lost {
             outcome.lost.push(index);
         }
         if let Err(error) = on_row(session, &row) {
             // The first failure is the one to tell.
-            let _ = end(session, ready, &mut bench, setup, &row);
+            let _ = end(session, ready, bench, &row);
             return Err(LockstepError::Row(error));
         }
         bench.apply(row.command_v);
         last = row;
     }
     outcome.fault = FaultCode::from_number(session.status()?.fault);
-    end(session, ready, &mut bench, setup, &last)?;
+    end(session, ready, bench, &last)?;
     Ok(outcome)
 }
 
@@ -223,6 +277,7 @@ pub fn sample<L: Link>(
                 displacement_m,
                 command_v: f64::from(calibration.drive_v(DacCode(drive.code))),
                 reference_m: f64::from(drive.reference_m),
+                monitor_v: None,
                 limited_by: drive.limited_by,
                 is_lost: false,
             };
@@ -233,11 +288,10 @@ pub fn sample<L: Link>(
 }
 
 /// Stops the loop and goes on until the board is at 0 V, so that the next run finds it idle.
-fn end<L: Link>(
+pub(crate) fn end<L: Link>(
     session: &mut Session<L>,
     ready: &Ready,
     bench: &mut Bench,
-    setup: &Setup<'_>,
     last: &Row,
 ) -> Result<(), SessionError> {
     // In its fault mode the board is on its way already.
@@ -246,7 +300,7 @@ fn end<L: Link>(
         session.stop()?;
     }
     let mut last = *last;
-    for _ in 0..(END_S * setup.rate_hz) as u64 {
+    for _ in 0..(END_S * f64::from(ready.parameters.rate_hz)) as u64 {
         let (row, mode) = sample(session, ready, bench, &last)?;
         if mode == Some(ModeName::Idle as u8) {
             // A convenience for whoever comes next, who does the same: not worth a failure on a bad line.

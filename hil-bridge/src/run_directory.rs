@@ -21,7 +21,7 @@ use std::time::Duration;
 /// Rows between two hand-overs: 25 KB, less than the writer's buffer, so that no row is cut in two.
 const ROWS: usize = 256;
 const FLUSH: Duration = Duration::from_millis(500);
-const STATE: Duration = Duration::from_secs(1);
+pub(crate) const STATE: Duration = Duration::from_secs(1);
 /// Lost samples that are listed one by one.
 const LISTED: usize = 1000;
 
@@ -58,21 +58,67 @@ pub struct Facts<'a> {
     pub samples: usize,
     /// Seed of the sensor's noise and of lost commands.
     pub seed: u64,
+    /// The plant kept to the clock.
+    pub is_paced: bool,
     /// Faults of the link, made on purpose, with their seed.
     pub link_faults: Option<(&'a str, u64)>,
+}
+
+/// A log that grows: its rows are handed over every 256 of them or half a second.
+#[derive(Debug)]
+pub(crate) struct Growing {
+    writer: Writer,
+    unflushed: usize,
+    flushed_at: Duration,
+    /// Rows so far.
+    pub rows: usize,
+    /// Samples that were lost, the first thousand.
+    pub lost: Vec<usize>,
+}
+
+impl Growing {
+    /// Begins a log that is not there yet.
+    pub fn begin(path: &Path, meta: &Meta, columns: &[Column]) -> Result<Growing, RunError> {
+        let writer = Writer::create_live(path, meta, columns)?;
+        Ok(Growing { writer, unflushed: 0, flushed_at: Duration::ZERO, rows: 0, lost: Vec::new() })
+    }
+
+    /// Appends a row at `now`, the link's time.
+    pub fn row(&mut self, values: &[f64], now: Duration) -> Result<(), RunError> {
+        self.writer.row(values)?;
+        self.rows += 1;
+        self.unflushed += 1;
+        if self.unflushed >= ROWS || now.saturating_sub(self.flushed_at) >= FLUSH {
+            self.writer.flush()?;
+            (self.unflushed, self.flushed_at) = (0, now);
+        }
+        Ok(())
+    }
+
+    /// Takes note of lost samples.
+    pub fn note_lost(&mut self, indices: impl IntoIterator<Item = usize>) {
+        let room = LISTED - self.lost.len();
+        self.lost.extend(indices.into_iter().take(room));
+    }
+
+    /// Hands over what there is.
+    pub fn flush(&mut self) -> Result<(), RunError> {
+        Ok(self.writer.flush()?)
+    }
+
+    /// The log's end.
+    pub fn finish(self) -> Result<(), RunError> {
+        Ok(self.writer.finish()?)
+    }
 }
 
 /// A run that is being written.
 #[derive(Debug)]
 pub struct RunDirectory {
     path: PathBuf,
-    log: Writer,
+    log: Growing,
     rate_hz: f64,
-    rows: usize,
-    unflushed: usize,
-    flushed_at: Duration,
     stated_at: Duration,
-    lost: Vec<usize>,
 }
 
 impl RunDirectory {
@@ -90,31 +136,12 @@ impl RunDirectory {
             write(&path.join(format!("reference-{name}")), content)?;
         }
         write(&path.join("run.json"), format!("{:#}\n", json(facts)).as_bytes())?;
-        let calibration = &ready.checked.calibration;
-        let mut meta = Meta {
-            rate_hz: Some(rate_hz),
-            latency_s: ready.latency_s,
-            adc_lsb_m: Some(f64::from(calibration.displacement_m_per_code()).abs()),
-            dac_lsb_v: Some(f64::from(calibration.drive_v_per_code()).abs()),
-            controller: Some(facts.controller.0.to_owned()),
-            firmware: Some(ready.board.firmware.clone()),
-            seed: Some(facts.seed.to_string()),
-            ..Meta::default()
-        };
+        let mut meta = meta(ready, rate_hz, facts.seed);
+        meta.controller = Some(facts.controller.0.to_owned());
         meta.other.insert("plant".into(), facts.plant.0.to_owned());
-        meta.other.insert("board".into(), ready.board.board.clone());
         let columns = [Column::Time, Column::Command, Column::Displacement, Column::Reference, Column::LimitedBy];
-        let log = Writer::create_live(&path.join("log.csv"), &meta, &columns)?;
-        Ok(RunDirectory {
-            path: path.to_owned(),
-            log,
-            rate_hz,
-            rows: 0,
-            unflushed: 0,
-            flushed_at: Duration::ZERO,
-            stated_at: Duration::ZERO,
-            lost: Vec::new(),
-        })
+        let log = Growing::begin(&path.join("log.csv"), &meta, &columns)?;
+        Ok(RunDirectory { path: path.to_owned(), log, rate_hz, stated_at: Duration::ZERO })
     }
 
     /// Appends a row at `now`, the link's time.
@@ -124,16 +151,8 @@ impl RunDirectory {
     pub fn row(&mut self, row: &Row, now: Duration, statistics: &Statistics) -> Result<(), RunError> {
         let time_s = row.index as f64 / self.rate_hz;
         let limited_by = f64::from(row.limited_by.bits());
-        self.log.row(&[time_s, row.command_v, row.displacement_m, row.reference_m, limited_by])?;
-        self.rows += 1;
-        self.unflushed += 1;
-        if row.is_lost && self.lost.len() < LISTED {
-            self.lost.push(row.index);
-        }
-        if self.unflushed >= ROWS || now.saturating_sub(self.flushed_at) >= FLUSH {
-            self.log.flush()?;
-            (self.unflushed, self.flushed_at) = (0, now);
-        }
+        self.log.row(&[time_s, row.command_v, row.displacement_m, row.reference_m, limited_by], now)?;
+        self.log.note_lost(row.is_lost.then_some(row.index));
         if now.saturating_sub(self.stated_at) >= STATE {
             self.stated_at = now;
             self.state(statistics, None)?;
@@ -148,7 +167,7 @@ impl RunDirectory {
     pub fn finish(mut self, statistics: &Statistics, outcome: &Outcome) -> Result<(), RunError> {
         self.log.flush()?;
         self.state(statistics, Some(outcome))?;
-        Ok(self.log.finish()?)
+        self.log.finish()
     }
 
     /// What there is of a run that something ended.
@@ -158,25 +177,22 @@ impl RunDirectory {
     pub fn keep(&mut self, statistics: &Statistics) -> Result<(), RunError> {
         let flushed = self.log.flush();
         self.state(statistics, None)?;
-        Ok(flushed?)
+        flushed
     }
 
     fn state(&self, statistics: &Statistics, outcome: Option<&Outcome>) -> Result<(), RunError> {
         let mut value = statistics.json();
-        value["rows"] = self.rows.into();
+        value["rows"] = self.log.rows.into();
         // So many; which ones, for the first thousand.
-        value["lost_samples"] = json!(self.lost);
+        value["lost_samples"] = json!(self.log.lost);
         value["is_complete"] = outcome.is_some().into();
         if let Some(outcome) = outcome {
             value["lost_samples_total"] = outcome.lost.len().into();
+            value["overruns"] = outcome.overruns.into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
         }
-        // Whole or as before: it takes the other one's place when all is there.
-        let partial = self.path.join("link.json.partial");
-        write(&partial, format!("{value:#}\n").as_bytes())?;
-        let path = self.path.join("link.json");
-        std::fs::rename(&partial, &path).map_err(unwritable(&path))
+        replace(&self.path.join("link.json"), &value)
     }
 }
 
@@ -195,12 +211,33 @@ pub fn check_place(path: &Path) -> Result<(), RunError> {
     }
 }
 
+/// What a log says of its board.
+pub(crate) fn meta(ready: &Ready, rate_hz: f64, seed: u64) -> Meta {
+    let calibration = &ready.checked.calibration;
+    let mut meta = Meta {
+        rate_hz: Some(rate_hz),
+        latency_s: ready.latency_s,
+        adc_lsb_m: Some(f64::from(calibration.displacement_m_per_code()).abs()),
+        dac_lsb_v: Some(f64::from(calibration.drive_v_per_code()).abs()),
+        firmware: Some(ready.board.firmware.clone()),
+        seed: Some(seed.to_string()),
+        ..Meta::default()
+    };
+    meta.other.insert("board".into(), ready.board.board.clone());
+    meta
+}
+
+/// A file as `run.json` names it.
+pub(crate) fn file_json(name: &str, content: &[u8]) -> Value {
+    json!({ "file": name, "sha256": sha256(content) })
+}
+
 fn json(facts: &Facts<'_>) -> Value {
-    let file = |(name, content): (&str, &[u8])| json!({ "file": name, "sha256": sha256(content) });
+    let file = |(name, content): (&str, &[u8])| file_json(name, content);
     json!({
         "schema": "hysteron-run-1",
         "program": format!("hysteron {}", env!("CARGO_PKG_VERSION")),
-        "mode": "lockstep",
+        "mode": if facts.is_paced { "paced" } else { "lockstep" },
         "link": facts.place.to_string(),
         "link_faults": facts.link_faults.map(|(faults, seed)| json!({ "shares": faults, "seed": seed })),
         "board": facts.ready.board.board,
@@ -221,11 +258,18 @@ fn sha256(content: &[u8]) -> String {
     Sha256::digest(content).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn write(path: &Path, content: &[u8]) -> Result<(), RunError> {
+pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), RunError> {
     std::fs::write(path, content).map_err(unwritable(path))
 }
 
-fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> RunError {
+/// Writes JSON that is whole or as before: it takes the other one's place when all is there.
+pub(crate) fn replace(path: &Path, value: &Value) -> Result<(), RunError> {
+    let partial = path.with_extension("json.partial");
+    write(&partial, format!("{value:#}\n").as_bytes())?;
+    std::fs::rename(&partial, path).map_err(unwritable(path))
+}
+
+pub(crate) fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> RunError {
     let path = path.to_owned();
     |source| RunError::Unwritable { path, source }
 }

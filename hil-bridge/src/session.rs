@@ -10,7 +10,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 use virtual_board::Heard;
 use wire::{
-    Converters, Identity, MAX_ENCODED_BYTES, Mismatch, Parameters, Receiver, Sender, Status, ToBoard, ToHost, WireError,
+    Converters, Identity, MAX_ENCODED_BYTES, Mismatch, Parameters, Receiver, Sample, Sender, Status, ToBoard, ToHost,
+    WireError,
 };
 
 /// Version of this program, which the firmware's must be.
@@ -66,6 +67,19 @@ pub struct Drive {
     pub mode: u8,
 }
 
+/// Samples that a board streamed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Block {
+    /// Number of the first one since the board started, modulo 2^32.
+    pub first: u32,
+    /// From one to the next.
+    pub every: u16,
+    /// Dropped by the board since the stream began, because the link was busy.
+    pub dropped: u32,
+    /// The samples.
+    pub samples: Vec<Sample>,
+}
+
 /// The host's end of a conversation.
 #[derive(Debug)]
 pub struct Session<L> {
@@ -75,6 +89,8 @@ pub struct Session<L> {
     waiting: VecDeque<u8>,
     patience: Duration,
     next_index: u32,
+    /// What was streamed and nobody has taken yet; `None` where no stream was asked for.
+    streamed: Option<VecDeque<Block>>,
     statistics: Statistics,
 }
 
@@ -89,6 +105,7 @@ impl<L: Link> Session<L> {
             waiting: VecDeque::new(),
             patience,
             next_index: 0,
+            streamed: None,
             statistics: Statistics::default(),
         }
     }
@@ -191,6 +208,55 @@ impl<L: Link> Session<L> {
         Ok(Some(Drive { code: drive, drive_v, reference_m, limited_by: Limits::from_bits(limited_by), mode }))
     }
 
+    /// Asks for every sample from now on; every how many it will be. Blocks wait in [`Session::next_block`] until they are taken.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn start_stream(&mut self) -> Result<u16, SessionError> {
+        self.streamed = Some(VecDeque::new());
+        match self.look(&ToBoard::StreamStart { every: 1 })? {
+            Heard::StreamStarted { every, .. } => Ok(every),
+            _ => Err(silent(&ToBoard::StreamStart { every: 1 })),
+        }
+    }
+
+    /// No more blocks; those that nobody took are dropped.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn stop_stream(&mut self) -> Result<(), SessionError> {
+        self.streamed = None;
+        self.look(&ToBoard::StreamStop).map(|_| ())
+    }
+
+    /// The oldest block that was not taken yet, waiting for one for at most `patience`.
+    ///
+    /// # Errors
+    /// [`SessionError`].
+    pub fn next_block(&mut self, patience: Duration) -> Result<Option<Block>, SessionError> {
+        if let Some(block) = self.streamed.as_mut().and_then(VecDeque::pop_front) {
+            return Ok(Some(block));
+        }
+        let until = self.link.now() + patience;
+        while let Some(heard) = self.next(until)? {
+            match heard {
+                Heard::StreamBlock { .. } => self.keep(heard),
+                Heard::Fault { .. } => {}
+                _ => self.statistics.late += 1,
+            }
+            if let Some(block) = self.streamed.as_mut().and_then(VecDeque::pop_front) {
+                return Ok(Some(block));
+            }
+        }
+        Ok(None)
+    }
+
+    fn keep(&mut self, heard: Heard) {
+        if let (Some(streamed), Heard::StreamBlock { first, every, lost, samples }) = (&mut self.streamed, heard) {
+            streamed.push_back(Block { first, every, dropped: lost, samples });
+        }
+    }
+
     /// As [`Session::ask`], for a request that changes nothing: sent again where it or its answer was lost.
     fn look(&mut self, request: &ToBoard<'_>) -> Result<Heard, SessionError> {
         for _ in 0..ATTEMPTS {
@@ -213,7 +279,8 @@ impl<L: Link> Session<L> {
         while let Some(heard) = self.next(until)? {
             match heard {
                 // They come by themselves; what a fault is, status and mode say.
-                Heard::Fault { .. } | Heard::StreamBlock { .. } => {}
+                Heard::Fault { .. } => {}
+                Heard::StreamBlock { .. } => self.keep(heard),
                 Heard::Refused { sequence, reason } if sequence == asked => {
                     self.statistics.note_answer();
                     return Err(SessionError::Refused { request: name(request), reason });
@@ -277,7 +344,8 @@ fn is_answer(request: &ToBoard<'_>, asked: u16, heard: &Heard) -> bool {
     match (request, heard) {
         (ToBoard::Hello, Heard::Identity { .. })
         | (ToBoard::KeepAlive, Heard::Status(_))
-        | (ToBoard::GetParameters, Heard::Parameters(_)) => true,
+        | (ToBoard::GetParameters, Heard::Parameters(_))
+        | (ToBoard::StreamStart { .. }, Heard::StreamStarted { .. }) => true,
         (ToBoard::BridgeSample { index: sent, .. }, Heard::BridgeDrive { index, .. }) => sent == index,
         (_, Heard::Done { sequence }) => *sequence == asked,
         _ => false,

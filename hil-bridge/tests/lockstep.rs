@@ -94,6 +94,26 @@ fn the_loop_is_that_of_simulate_up_to_the_converters() {
 }
 
 #[test]
+fn what_the_board_adds_are_parts_of_the_chain() {
+    let mut chain = noisy();
+    chain.sensor.noise_m = 0.0;
+    let done = lockstep(&mut Session::new(InProcess::nucleo()), &chain, "step:40um@0.03s", SAMPLES, 1).unwrap();
+    // Its latch as a delay, its converters as steps: then nothing is left for it to add.
+    let calibration = done.ready.checked.calibration;
+    chain.drive.delay_s = done.ready.latency_s;
+    chain.drive.quantum_v = f64::from(calibration.drive_v_per_code()).abs();
+    chain.sensor.quantum_m = f64::from(calibration.displacement_m_per_code()).abs();
+    let start = Start::relaxed(&chain);
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s: 0.0, seed: 1 };
+    let program = Program::new(&Spec::parse("step:40um@0.03s").unwrap(), RATE_HZ).unwrap();
+    let simulated = closed_loop(&setup, &pi1(), &program, &|_| ()).unwrap();
+    // f32 in the board's conversions: a part in 1e6 of 40 um.
+    for (row, simulated_m) in done.rows.iter().zip(&simulated.displacement_m) {
+        assert!((row.displacement_m - simulated_m).abs() < 1e-10, "{row:?} {simulated_m}");
+    }
+}
+
+#[test]
 fn a_plant_beyond_the_guard_ends_in_a_fault_at_0_v_and_is_cleared_only_when_told() {
     let mut chain = noisy();
     // A sensor wired the wrong way round: the loop drives the plant away.

@@ -79,6 +79,9 @@ impl Program {
                 Shape::Step => Segment::step(amplitude, samples).map_err(add)?,
                 Shape::Square { hz } => Segment::square(rate, amplitude, *hz as f32, samples).map_err(add)?,
                 Shape::Sine { hz } => Segment::sine(rate, amplitude, *hz as f32, samples).map_err(add)?,
+                Shape::DecayingSine { hz } => {
+                    Segment::decaying_sine(rate, amplitude, *hz as f32, samples).map_err(add)?
+                }
                 Shape::Triangle { hz } => Segment::triangle(rate, amplitude, *hz as f32, samples).map_err(add)?,
                 Shape::Sweep { hz, log: false } => {
                     Segment::linear_sweep(rate, amplitude, hz[0] as f32, hz[1] as f32, samples).map_err(add)?

@@ -12,6 +12,7 @@
 //! | zero, hold, step | `zero@5s`, `hold:40V@5s`, `step:80um` | constant; a step is a hold whose metrics are a step's |
 //! | square, sine, triangle | `sine:120um@100Hz` | periodic between plus and minus the amplitude |
 //! | sweep | `sweep:20V@1-2000Hz/4s` | sine, its frequency linear in time (`log`: exponential) |
+//! | decaying-sine | `decaying-sine:60V@8Hz/2s` | sine whose amplitude falls in a straight line to zero: demagnetises a loop |
 //! | ladder | `ladder:60V/8,hold=2s` | up in 8 equal levels and down again, each held |
 //! | multisine | `multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7` | random phases; the amplitude is the peak |
 //! | minor-loops | `minor-loops:60V@1Hz` | sines of falling amplitude, each nested in the last: full, 3/4, 1/2, 1/4 |
@@ -74,6 +75,11 @@ pub enum Shape {
         /// Frequency in hertz.
         hz: f64,
     },
+    /// Sine from phase zero whose amplitude has fallen to zero at the part's end.
+    DecayingSine {
+        /// Frequency in hertz.
+        hz: f64,
+    },
     /// Triangle from zero upwards.
     Triangle {
         /// Frequency in hertz.
@@ -127,6 +133,7 @@ impl Shape {
             Shape::Step => "step",
             Shape::Square { .. } => "square",
             Shape::Sine { .. } => "sine",
+            Shape::DecayingSine { .. } => "decaying-sine",
             Shape::Triangle { .. } => "triangle",
             Shape::Sweep { .. } => "sweep",
             Shape::Ladder { .. } => "ladder",
@@ -189,7 +196,8 @@ impl std::str::FromStr for Spec {
     }
 }
 
-const KINDS: &str = "zero, step, square, sine, triangle, sweep, ladder, hold, multisine, minor-loops, file:PATH";
+const KINDS: &str =
+    "zero, step, square, sine, decaying-sine, triangle, sweep, ladder, hold, multisine, minor-loops, file:PATH";
 
 fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
     let (kind, rest) = match text.find([':', '@', ',', '/']) {
@@ -235,6 +243,13 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         "square" => Shape::Square { hz: tone(kind)? },
         "sine" => Shape::Sine { hz: tone(kind)? },
         "triangle" => Shape::Triangle { hz: tone(kind)? },
+        "decaying-sine" => {
+            let hz = tone(kind)?;
+            if seconds.is_none() && !options.has("for") {
+                return Err("a decaying-sine needs its duration, as in `decaying-sine:60V@8Hz/2s`".into());
+            }
+            Shape::DecayingSine { hz }
+        }
         "minor-loops" => {
             let hz = tone(kind)?;
             seconds = seconds.or(Some(2.0 * MINOR_LOOP_SCALES.len() as f64 / hz));
@@ -561,6 +576,8 @@ mod tests {
         assert!(one("step:80um,shaped").shaped);
         assert_eq!(one("sine:20um@10Hz/2s").seconds, Some(2.0));
         assert_eq!(one("sine:20um@1e-3Hz").shape, Shape::Sine { hz: 1e-3 });
+        let demagnetising = one("decaying-sine:60V@8Hz/2s");
+        assert_eq!((demagnetising.shape, demagnetising.seconds), (Shape::DecayingSine { hz: 8.0 }, Some(2.0)));
         assert_eq!(one("sweep:20V@1e-3-2e1Hz/4s").shape, Shape::Sweep { hz: [1e-3, 20.0], log: false });
     }
 
@@ -573,6 +590,7 @@ mod tests {
             ("sine:20um", "needs a frequency"),
             ("sine:20um@-5Hz", "greater than zero"),
             ("sweep:20V@2000-1Hz/4s", "upwards"),
+            ("decaying-sine:60V@8Hz", "needs its duration"),
             ("step:80um+zero", "needs a length"),
             ("step:80um@1s+hold:2V", "mixes um and V"),
             ("step:80um,foo=3", "unknown option \"foo\""),

@@ -37,7 +37,7 @@ fn program(text: &str) -> Program {
 fn every_kind_plays_what_it_says() {
     let turns = |k: usize, hz: f64| hz * k as f64 / RATE_HZ;
     type Wave = Box<dyn Fn(usize) -> f64>;
-    let cases: [(&str, Wave); 9] = [
+    let cases: [(&str, Wave); 10] = [
         ("zero@0.1s", Box::new(|_| 0.0)),
         ("hold:40V@0.1s", Box::new(|_| 40.0)),
         ("step:-40V", Box::new(|_| -40.0)),
@@ -69,6 +69,10 @@ fn every_kind_plays_what_it_says() {
                 let t = turns(k, 50.0);
                 40.0 * [1.0, 0.75, 0.5, 0.25][(t / 2.0) as usize] * (TAU * t).sin()
             }),
+        ),
+        (
+            "decaying-sine:40V@100Hz/0.08s",
+            Box::new(move |k| 40.0 * (1.0 - k as f64 / 800.0) * (TAU * turns(k, 100.0)).sin()),
         ),
         (
             "sweep:40V@10-500Hz/0.1s",

@@ -1,26 +1,26 @@
 //! `hysteron hil`: the control code on a board against the simulated plant: a run directory, and what the link did.
 
 use crate::arguments::{HilCall, spec_files};
-use crate::commands::{board, board_serve};
+use crate::commands::board;
+use crate::commands::link::{link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::{Faults, Faulty};
-use hil_bridge::in_process::InProcess;
-use hil_bridge::in_virtual::InVirtual;
-use hil_bridge::link::{Link, Place};
-use hil_bridge::lockstep::{Outcome, prepare, probe, run};
+use hil_bridge::link::Link;
+use hil_bridge::lockstep::{Outcome, Row, prepare, probe, run_on};
+use hil_bridge::paced;
 use hil_bridge::run_directory::{Facts, RunDirectory, RunError, check_place};
 use hil_bridge::session::{Board, Session};
 use hil_bridge::statistics::Statistics;
-use hil_bridge::tcp::Tcp;
-use plant_sim::experiment::{Program, Setup};
+use plant_sim::chain::Chain;
+use plant_sim::controller::Controller;
+use plant_sim::experiment::{Bench, Program, Setup, sampled_loop};
+use plant_sim::margins::assess;
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use plant_sim::spec::{Spec, Unit};
-use serde_json::{Value, json};
-use std::path::Path;
-use std::time::Duration;
-use virtual_board::Image;
+use serde_json::json;
+use std::path::{Path, PathBuf};
 use virtual_board::waveform::Waveform;
 
 /// Samples of a probe: ten are slower than the 99.9 %.
@@ -65,16 +65,35 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         .map(str::parse)
         .transpose()
         .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
-    let (plant_bytes, controller_bytes) = (content(plant)?, content(controller)?);
+    let (plant_bytes, controller_bytes) = (output::content(plant)?, output::content(controller)?);
     let mut reference_files = Vec::new();
     for path in spec_files(std::iter::once(&spec)) {
-        reference_files.push((output::file_name(path), content(path)?));
+        reference_files.push((output::file_name(path), output::content(path)?));
     }
     check_place(out)?;
 
-    let link = Faulty::new(open(call, Some(&model))?, faults.unwrap_or_default(), call.seed);
-    let mut session = session(call, link);
+    let link =
+        Faulty::new(open(&call.at, Some(&model), call.rate, call.seed, None)?, faults.unwrap_or_default(), call.seed);
+    let mut session = session(&call.at, link);
     let ready = prepare::<_, RunError>(&mut session, &settings, &waveform, call.clear_fault)?;
+    let mut ready = ready;
+    let mut told = Vec::new();
+    if call.paced {
+        probe::<_, RunError>(&mut session, PROBES)?;
+        let asked = paced::check(session.statistics(), call.rate);
+        let rate_hz = asked.map_or_else(|error| error.most_hz, |()| call.rate);
+        let loops = loops(controller, rate_hz, paced::latency_s(rate_hz), &chain);
+        if let Err(error) = asked {
+            return Err(Failure::call(format!(
+                "{error}; loops there: {}; lower --rate or leave --paced out",
+                loops.join(", ")
+            )));
+        }
+        told = loops;
+        // The probe left the board idle, listening to its pins.
+        ready = prepare::<_, RunError>(&mut session, &settings, &waveform, false)?;
+        ready.latency_s = paced::latency_s(call.rate);
+    }
     let mut warnings = model.warnings();
     warnings.extend(board::margins(&settings, call.rate, ready.latency_s, &chain)?);
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
@@ -91,7 +110,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut directory = RunDirectory::create(
         out,
         &Facts {
-            place: &call.board,
+            place: &call.at.board,
             ready: &ready,
             plant: (&output::file_name(plant), &plant_bytes),
             controller: (&output::file_name(controller), &controller_bytes),
@@ -100,20 +119,28 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
             rate_hz: call.rate,
             samples,
             seed: call.seed,
+            is_paced: call.paced,
             link_faults: call.link_faults.as_deref().map(|faults| (faults, call.seed)),
         },
     )?;
     let bar = output::bar(samples as u64, "running the board");
     let report_every = (samples / 200).max(1);
-    let ended = run(&mut session, &ready, &setup, |session, row| {
-        if row.index % report_every == 0 {
+    let on_row = |session: &mut Session<_>, row: &Row| {
+        if row.index.is_multiple_of(report_every) {
             bar.set_position(row.index as u64);
         }
         // Not before the loop runs: what starts it is not what such a run is about.
-        session.link().switch(faults.is_some());
+        let link: &mut Faulty<Box<dyn Link>> = session.link();
+        link.switch(faults.is_some());
         let now = session.link().now();
         directory.row(row, now, session.statistics())
-    });
+    };
+    let mut bench = Bench::new(&setup);
+    let ended = if call.paced {
+        paced::run(&mut session, &ready, &mut bench, samples, on_row)
+    } else {
+        run_on(&mut session, &ready, &mut bench, samples, on_row)
+    };
     bar.finish_and_clear();
     let outcome = match ended {
         Ok(outcome) => outcome,
@@ -130,7 +157,13 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
             outcome.lost.len()
         ));
     }
+    if outcome.overruns > 0 {
+        warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
+    }
     output::warn(&warnings);
+    if !call.json {
+        told.iter().for_each(|line| output::line(line));
+    }
     say(call, &ready.board, session.statistics(), Some((&outcome, samples, out)));
     match outcome.fault {
         Some(fault) => Err(Failure::hardware(format!(
@@ -141,57 +174,28 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
 }
 
+/// What becomes of the loop with each of the controllers that lie beside `controller`, at this rate and delay.
+fn loops(controller: &Path, rate_hz: f64, latency_s: f64, chain: &Chain) -> Vec<String> {
+    let folder = controller.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    files.sort();
+    let verdict = |path: &PathBuf| {
+        // What lies there and is no controller, or none for this rate, is nobody's concern here.
+        let settings = Controller::read(path).ok()?.settings(rate_hz);
+        let law = sampled_loop(&settings, rate_hz, latency_s + chain.drive.delay_s);
+        let told =
+            assess(&chain.linear_regions().ok()?, &law).map_or_else(|error| error.to_string(), |a| a.to_string());
+        Some(format!("{} {told}", output::file_name(path)))
+    };
+    files.iter().filter(|path| path.extension().is_some_and(|end| end == "toml")).filter_map(verdict).collect()
+}
+
 fn probe_link(call: &HilCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
-    let mut session = session(call, open(call, model.as_ref())?);
+    let mut session = session(&call.at, open(&call.at, model.as_ref(), call.rate, call.seed, None)?);
     let board = probe::<_, RunError>(&mut session, PROBES)?;
     say(call, &board, session.statistics(), None);
     Ok(())
-}
-
-fn session<L: Link>(call: &HilCall, link: L) -> Session<L> {
-    let session = Session::new(link);
-    match call.patience_ms {
-        Some(ms) => session.with_patience(Duration::from_millis(ms)),
-        None => session,
-    }
-}
-
-/// The link that the call names.
-fn open(call: &HilCall, model: Option<&Model>) -> Result<Box<dyn Link>, Failure> {
-    if call.image.is_some() && call.board != Place::Virtual {
-        return Err(Failure::call("--image is for --board virtual: leave it out"));
-    }
-    Ok(match &call.board {
-        Place::InProcess => Box::new(InProcess::nucleo()),
-        Place::Virtual => {
-            let (Some(image), Some(model)) = (&call.image, model) else {
-                return Err(Failure::call(
-                    "--board virtual needs --image IMAGE.elf (cargo xtask firmware) and --plant",
-                ));
-            };
-            let image = Image::read(image).map_err(|error| Failure::file(error.to_string()))?;
-            let bench = board_serve::bench(&image, model, call.rate, call.seed, None)?;
-            Box::new(InVirtual::new(&image, &bench, call.rate)?)
-        }
-        Place::Tcp(address) => Box::new(Tcp::connect(address)?),
-        Place::Serial(path) => serial(path, call.baud)?,
-    })
-}
-
-#[cfg(unix)]
-fn serial(path: &Path, baud: u32) -> Result<Box<dyn Link>, Failure> {
-    Ok(Box::new(hil_bridge::serial::Serial::open(path, baud)?))
-}
-
-#[cfg(not(unix))]
-fn serial(_: &Path, _: u32) -> Result<Box<dyn Link>, Failure> {
-    Err(Failure::call("--board serial: not on this system; use tcp"))
-}
-
-fn content(path: &Path) -> Result<Vec<u8>, Failure> {
-    std::fs::read(path)
-        .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))
 }
 
 fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Outcome, usize, &Path)>) {
@@ -201,24 +205,14 @@ fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Out
         if let Some((outcome, samples, _)) = run {
             value["samples"] = samples.into();
             value["lost_samples"] = outcome.lost.len().into();
+            value["overruns"] = outcome.overruns.into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
         }
         return output::line(&value.to_string());
     }
-    let us = |key: &str| link["round_trip_us"][key].as_f64().map_or("-".to_owned(), |us| format!("{us:.1}"));
-    let trips = format!("{} / {} / {} / {} us", us("p50"), us("p99"), us("p99_9"), us("max"));
-    let count = |key: &str| link.get(key).map_or_else(String::new, Value::to_string);
-    let counts = |keys: [&str; 4]| keys.map(count).join(", ");
-    let mut facts = vec![
-        ("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware)),
-        ("round trip, 50 / 99 / 99.9 % / most".to_owned(), trips),
-        ("requests, answered, lost, late".to_owned(), counts(["requests", "answered", "lost", "late"])),
-        (
-            "CRC errors, malformed, missing, resyncs".to_owned(),
-            counts(["crc_errors", "malformed", "missing", "resyncs"]),
-        ),
-    ];
+    let mut facts = vec![("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware))];
+    facts.extend(link_facts(&link));
     if let (None, Some(hz)) = (run, statistics.paced_hz()) {
         facts.push(("in real time at most".to_owned(), format!("{hz:.0} Hz, half of 1 / (99.9 % round trip)")));
     }

@@ -8,9 +8,12 @@ mod demo;
 mod design;
 mod diagnose;
 mod effects;
+mod export;
 mod hil;
 mod identify;
+mod link;
 mod logs;
+mod record;
 mod replay;
 mod reproduce;
 mod serve;
@@ -34,6 +37,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::Hil(call)) => hil::hil(call),
         Some(Command::Serve(call)) => serve::serve(call),
+        Some(Command::Export(call)) => export::export(call),
+        Some(Command::Record(call)) => record::record(call),
         Some(Command::BlindCheck(call)) => blind_check::blind_check(call),
     }
 }

@@ -5,6 +5,8 @@
 
 use std::ffi::OsStr;
 use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -137,4 +139,38 @@ pub fn image() -> Option<String> {
         println!("not run: no compiler for thumbv7em-none-eabihf is here");
     }
     Some(format!("{}/nucleo-g474re", folder?))
+}
+
+/// Answers everything that comes in with `answer`, or hangs up.
+pub fn impostor(answer: Option<Vec<u8>>) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    std::thread::spawn(move || {
+        let Ok((mut host, _)) = listener.accept() else { return };
+        let mut bytes = [0; 512];
+        while host.read(&mut bytes).is_ok_and(|n| n > 0) {
+            match &answer {
+                Some(answer) if host.write_all(answer).is_ok() => {}
+                _ => return,
+            }
+        }
+    });
+    format!("tcp:{address}")
+}
+
+/// An identity as a board of `firmware` sends it.
+pub fn identity(firmware: &str) -> Vec<u8> {
+    let identity = wire::Identity {
+        version: wire::VERSION,
+        board: "nucleo-g474re",
+        firmware,
+        converters: wire::Converters::NUCLEO_G474RE,
+        reference_step_m: 1e-9,
+        table_samples: 4096,
+        segments: 16,
+        capture_samples: 0,
+    };
+    let mut bytes = [0; wire::MAX_ENCODED_BYTES];
+    let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
+    bytes[..n].to_vec()
 }

@@ -84,6 +84,7 @@ impl Waveform {
             Shape::Hold | Shape::Step => Wave::Hold { level: amplitude },
             Shape::Square { hz } => Wave::Square { amplitude, frequency_hz: *hz as f32 },
             Shape::Sine { hz } => Wave::Sine { amplitude, frequency_hz: *hz as f32 },
+            Shape::DecayingSine { hz } => Wave::DecayingSine { amplitude, frequency_hz: *hz as f32 },
             Shape::Triangle { hz } => Wave::Triangle { amplitude, frequency_hz: *hz as f32 },
             Shape::Sweep { hz, log: false } => {
                 Wave::LinearSweep { amplitude, from_hz: hz[0] as f32, to_hz: hz[1] as f32 }

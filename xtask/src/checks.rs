@@ -5,7 +5,7 @@ use crate::{arrows, bare, deny, firmware, tidy};
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, UNIX_EPOCH};
 
 /// One thing to run, in a tier's table.
 pub struct Step {
@@ -13,6 +13,9 @@ pub struct Step {
     pub what: &'static str,
     pub run: fn(&Project) -> Result<Outcome>,
 }
+
+/// How long the link is fuzzed in this tier.
+pub const FUZZ_SECONDS: u32 = 60;
 
 /// Quick ones first, so that a slip in form is seen before minutes of tests.
 const STEPS: &[Step] = &[
@@ -30,6 +33,11 @@ const STEPS: &[Step] = &[
     Step { name: "clippy", what: "lints, warnings denied", run: clippy },
     Step { name: "doc", what: "documentation, warnings denied", run: doc },
     Step { name: "test", what: "all tests", run: test },
+    Step {
+        name: "fuzz",
+        what: "nonsense on the link, other seeds each time",
+        run: |project| fuzz(project, FUZZ_SECONDS, None),
+    },
 ];
 
 /// The whole first tier.
@@ -92,6 +100,16 @@ pub fn doc(project: &Project) -> Result<Outcome> {
 /// `cargo test`, with the runner's closing lines once more at the end, where a reader of a long log looks.
 pub fn test(project: &Project) -> Result<Outcome> {
     run_tests(project.cargo().args(["test", "--workspace", "--locked", "--no-fail-fast"]))
+}
+
+/// Both directions of the link at once, for `seconds`. The first seed is printed; a failing one is named, and repeats alone.
+pub fn fuzz(project: &Project, seconds: u32, seed: Option<u32>) -> Result<Outcome> {
+    let from_clock = || UNIX_EPOCH.elapsed().map_or(1, |since| since.subsec_nanos() ^ since.as_secs() as u32);
+    let seed = seed.unwrap_or_else(from_clock);
+    println!("fuzz: {seconds} s from seed {seed}");
+    let mut command = project.cargo();
+    command.env("HYSTERON_FUZZ_SECONDS", seconds.to_string()).env("HYSTERON_FUZZ_SEED", seed.to_string());
+    run_tests(command.args(["test", "--locked", "-p", "hil-bridge", "--test", "fuzz", "--", "--nocapture"]))
 }
 
 /// Runs a test command, passes its output on and repeats the closing lines; `long` uses it too.

@@ -1,7 +1,7 @@
 //! The second tier: what takes too long for every change. Others add a line to [`TASKS`].
 
 use crate::checks::{Step, run_steps, run_tests};
-use crate::project::{Outcome, Project};
+use crate::project::{Outcome, Project, passes};
 use crate::{firmware, replay_big_log};
 use anyhow::{Result, bail};
 
@@ -15,6 +15,7 @@ const TASKS: &[Step] = &[
         what: "1e7 samples of the flash image: none lost, none late, bit for bit the law's",
         run: board,
     },
+    Step { name: "formats", what: "logs as Parquet and MDF 4, which a plain build leaves out", run: formats },
     Step { name: "firmware-twice", what: "the flash images built twice, the same bytes", run: firmware::twice },
     Step {
         name: "replay-2gb",
@@ -54,6 +55,13 @@ fn tests(project: &Project) -> Result<Outcome> {
     let mut command = project.cargo();
     command.env("HYSTERON_LONG", "1").env("PROPTEST_CASES", cases);
     run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]))
+}
+
+/// The optional formats bring crates of their own, which would cost every change a minute of building.
+fn formats(project: &Project) -> Result<Outcome> {
+    let formats = ["--locked", "-p", "plant-sim", "--features", "parquet,mf4"];
+    passes(project.cargo().arg("clippy").args(formats).args(["--all-targets", "--", "-D", "warnings"]))?;
+    run_tests(project.cargo().arg("test").args(formats).args(["--test", "log_export"]))
 }
 
 /// 500 s of the time of a board that streams at full rate; 28 minutes on a busy machine, 2026-11-21.

@@ -15,7 +15,7 @@ mod replay_big_log;
 mod report;
 mod tidy;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Parser, Subcommand};
 use project::{Outcome, Project};
 use std::process::ExitCode;
@@ -63,6 +63,15 @@ enum Task {
     Tidy,
     /// cargo-deny: licences, sources, bans, and advisories where their database can be had
     Deny,
+    /// Nonsense on the link, seed after seed, for a limited time
+    Fuzz {
+        /// For so many seconds
+        #[arg(long, default_value_t = checks::FUZZ_SECONDS)]
+        seconds: u32,
+        /// The first seed; from the clock where not given
+        #[arg(long)]
+        seed: Option<u32>,
+    },
     /// Second tier: soaks and big inputs, minutes to hours
     Long {
         /// Tasks to run; all by default
@@ -73,8 +82,11 @@ enum Task {
     },
     /// Third tier: writes docs/tables.md from the release build, with commit and seed
     Report,
-    /// The speed comparison in benches/
-    Bench,
+    /// The speed comparisons in benches/
+    Bench {
+        /// Which: solvers, link; all by default
+        name: Option<String>,
+    },
     /// Installs what the checks need (.ci/setup)
     Setup {
         /// Also cargo-deny, which takes a minute or two to build
@@ -111,22 +123,31 @@ fn run(task: Task) -> Result<Outcome> {
         Task::Arrows => arrows::run(&project),
         Task::Tidy => tidy::run(&project),
         Task::Deny => deny::run(&project),
+        Task::Fuzz { seconds, seed } => checks::fuzz(&project, seconds, seed),
         Task::Long { names, list } => long::run(&project, &names, list),
         Task::Report => report::run(&project),
-        Task::Bench => bench(&project),
+        Task::Bench { name } => bench(&project, name.as_deref()),
         Task::Setup { deny } => setup(&project, deny),
     }
 }
 
 /// `benches/` is a workspace of its own, because it builds rival solvers that nobody else needs.
-fn bench(project: &Project) -> Result<Outcome> {
+fn bench(project: &Project, name: Option<&str>) -> Result<Outcome> {
+    let all = [("solvers", "hysteron-benches"), ("link", "link")];
+    let chosen: Vec<_> = all.into_iter().filter(|(known, _)| name.is_none_or(|name| name == *known)).collect();
+    if chosen.is_empty() {
+        bail!("no comparison of this name; there are: solvers, link");
+    }
     if !project.root.join("benches/Cargo.toml").exists() {
         return Ok(Outcome::NotRun("benches/ does not exist yet".into()));
     }
     // For this machine's processor, ours and the rivals alike: the question is the method, not the instruction set.
-    let mut cargo = project.cargo();
-    cargo.env("RUSTFLAGS", "-C target-cpu=native");
-    project::passes(cargo.args(["run", "--release", "--manifest-path", "benches/Cargo.toml"]))
+    for (_, program) in chosen {
+        let mut cargo = project.cargo();
+        cargo.env("RUSTFLAGS", "-C target-cpu=native");
+        project::passes(cargo.args(["run", "--release", "--manifest-path", "benches/Cargo.toml", "--bin", program]))?;
+    }
+    Ok(Outcome::Passed)
 }
 
 /// One script installs, for CI and developers: see there what and why.

@@ -20,6 +20,7 @@ use serde_json::{Map, Value};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::time::Duration;
 use tokio::sync::oneshot;
 
 /// Key, words and unit of each channel, in the order of [`crate::history::channel`].
@@ -52,6 +53,8 @@ pub struct Setting {
     pub place: Place,
     /// How it is reached.
     pub open: Open,
+    /// How long an answer may take; as the link says where `None`.
+    pub patience: Option<Duration>,
     /// Whether a fault that the board is in may be left at the start.
     pub clear_fault: bool,
     /// Samples per second of the loop.

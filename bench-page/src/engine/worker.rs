@@ -419,7 +419,11 @@ impl<'a> Worker<'a> {
 /// Opens the link and prepares the board; the bench at its start.
 fn connect(setting: &Setting, clear_fault: bool) -> Result<Line, BoardError> {
     let link = (setting.open)().map_err(SessionError::from)?;
-    let mut session = Session::new(link);
+    let session = Session::new(link);
+    let mut session = match setting.patience {
+        Some(patience) => session.with_patience(patience),
+        None => session,
+    };
     let ready = prepare::<_, RunError>(&mut session, &setting.controller.1, &Waveform::default(), clear_fault)?;
     let bench = bench(setting, ready.latency_s, setting.seed);
     let account = session.status()?;
@@ -428,6 +432,7 @@ fn connect(setting: &Setting, clear_fault: bool) -> Result<Line, BoardError> {
         displacement_m: 0.0,
         command_v: 0.0,
         reference_m: 0.0,
+        monitor_v: None,
         limited_by: Limits::NONE,
         is_lost: false,
     };

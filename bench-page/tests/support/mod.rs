@@ -55,6 +55,7 @@ pub fn start_with(model: &str, open: Open) -> Bench {
     let setting = Setting {
         place: Place::InProcess,
         open,
+        patience: None,
         clear_fault: false,
         rate_hz: 20e3,
         seed: 1,

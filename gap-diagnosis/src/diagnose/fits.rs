@@ -84,17 +84,21 @@ impl Fits<'_> {
     fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
         let start = self.start(remainders);
         let chosen = chosen(leads);
-        let best = chosen.iter().copied().chain(&start).map(|lead| lead.gain).fold(0.0, f64::max);
         let mut all: Vec<&Lead> = start.iter().chain(chosen).collect();
         all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
+        // Gain of the first lead whose fit left next to nothing.
+        let mut found = 0.0;
         for (number, lead) in all.iter().enumerate() {
-            let found = fits.iter().any(|fit| self.left(fit) < FOUND);
-            if found && lead.gain < AS_MUCH * best {
+            if lead.gain < AS_MUCH * found {
                 continue;
             }
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
-            fits.push(self.best_form(lead, leads));
+            let fit = self.best_form(lead, leads);
+            if found == 0.0 && self.left(&fit) < FOUND {
+                found = lead.gain;
+            }
+            fits.push(fit);
         }
         // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));

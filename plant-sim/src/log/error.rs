@@ -320,6 +320,14 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
+    /// A kind of log that this program was built without.
+    #[error("{}: this program was built without {feature}: build it with --features {feature}, or end the name in .csv, .npy or .mat", path.display())]
+    NotBuilt {
+        /// The file.
+        path: PathBuf,
+        /// The cargo feature that brings it.
+        feature: &'static str,
+    },
     /// A row handed to the writer has the wrong number of values.
     #[error("{}: a row of {found} values for {expected} columns; a mistake of the program that writes it", path.display())]
     RowWidth {
@@ -335,7 +343,10 @@ pub enum LogError {
 impl LogError {
     /// Whether the call is at fault (exit code 2) and not a file (exit code 3).
     pub fn is_wrong_call(&self) -> bool {
-        matches!(self, Self::UnknownKey { .. } | Self::BadOption { .. } | Self::UnknownKind { .. })
+        matches!(
+            self,
+            Self::UnknownKey { .. } | Self::BadOption { .. } | Self::UnknownKind { .. } | Self::NotBuilt { .. }
+        )
     }
 
     /// Turns what the operating system said on opening or reading `path` into the line a user can act on.

@@ -23,6 +23,7 @@
 mod column;
 mod csv_file;
 mod error;
+mod export;
 mod grid;
 mod mat;
 mod mat5;
@@ -39,6 +40,7 @@ use std::path::{Path, PathBuf};
 
 pub use column::Column;
 pub use error::{LogError, Place};
+pub use export::export;
 pub use meta::{Hold, Meta};
 pub use plausibility::warnings;
 pub use writer::{Writer, write};

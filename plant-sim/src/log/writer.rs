@@ -194,17 +194,9 @@ fn gave_up(path: &Path) -> LogError {
 /// [`LogError::UnknownKind`], [`LogError::NotFinite`], [`LogError::Unwritable`]; [`LogError::Lengths`] if the
 /// columns differ in length.
 pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
+    check(path, log)?;
     let columns = log.columns();
     let n_rows = log.len();
-    if let Some((column, values)) = columns.iter().find(|(_, values)| values.len() != n_rows) {
-        return Err(LogError::Lengths {
-            path: path.to_path_buf(),
-            column: column.file_name().to_owned(),
-            n: values.len(),
-            other: Column::Command.file_name().to_owned(),
-            n_other: n_rows,
-        });
-    }
     let mut meta = log.meta.clone();
     meta.rate_hz.get_or_insert(log.dt_s.recip());
     let names: Vec<Column> = std::iter::once(Column::Time).chain(columns.iter().map(|(column, _)| *column)).collect();
@@ -224,17 +216,7 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
         return writer.finish();
     }
 
-    for row in 0..n_rows {
-        fill(row, &mut values);
-        if let Some(idx) = values.iter().position(|value| !value.is_finite()) {
-            return Err(LogError::NotFinite {
-                path: path.to_path_buf(),
-                place: Place::Sample(row as u64),
-                column: names[idx].file_name().to_owned(),
-                value: values[idx].to_string(),
-            });
-        }
-    }
+    check_finite(path, log)?;
     let mut staged = Staged::create(path)?;
     let in_file = |column: Column, value: f64| value * 10f64.powi(-column.file_exponent());
     if kind == Kind::Npy {
@@ -268,6 +250,37 @@ pub fn write(path: &Path, log: &Log) -> Result<(), LogError> {
         }
     }
     staged.finish()
+}
+
+/// Whether all columns have one length.
+pub(super) fn check(path: &Path, log: &Log) -> Result<(), LogError> {
+    let n_rows = log.len();
+    match log.columns().iter().find(|(_, values)| values.len() != n_rows) {
+        Some((column, values)) => Err(LogError::Lengths {
+            path: path.to_path_buf(),
+            column: column.file_name().to_owned(),
+            n: values.len(),
+            other: Column::Command.file_name().to_owned(),
+            n_other: n_rows,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Whether there is no number that no reader would take.
+pub(super) fn check_finite(path: &Path, log: &Log) -> Result<(), LogError> {
+    let columns = log.columns();
+    for row in 0..log.len() {
+        if let Some((column, values)) = columns.iter().find(|(_, values)| !values[row].is_finite()) {
+            return Err(LogError::NotFinite {
+                path: path.to_path_buf(),
+                place: Place::Sample(row as u64),
+                column: column.file_name().to_owned(),
+                value: values[row].to_string(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Metadata that are quantities.
@@ -397,16 +410,16 @@ fn write_npy(
 
 /// A file that takes its name when it is complete, and vanishes otherwise.
 #[derive(Debug)]
-struct Staged {
+pub(super) struct Staged {
     path: PathBuf,
     /// Where the bytes go until then; `None` for a device or a pipe, which cannot be replaced.
     temporary: Option<PathBuf>,
     target: PathBuf,
-    file: BufWriter<File>,
+    pub(super) file: BufWriter<File>,
 }
 
 impl Staged {
-    fn create(path: &Path) -> Result<Self, LogError> {
+    pub(super) fn create(path: &Path) -> Result<Self, LogError> {
         let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
         // Through a link, its target is replaced and not the link.
         let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
@@ -451,7 +464,7 @@ impl Staged {
         Ok(Self { path: target.clone(), temporary: None, target, file: BufWriter::with_capacity(1 << 16, file) })
     }
 
-    fn unwritable(&self, source: io::Error) -> LogError {
+    pub(super) fn unwritable(&self, source: io::Error) -> LogError {
         LogError::Unwritable { path: self.path.clone(), source }
     }
 
@@ -466,7 +479,7 @@ impl Staged {
         self.put(&bytes)
     }
 
-    fn finish(mut self) -> Result<(), LogError> {
+    pub(super) fn finish(mut self) -> Result<(), LogError> {
         self.file.flush().map_err(|source| self.unwritable(source))?;
         if let Some(temporary) = &self.temporary {
             fs::rename(temporary, &self.target).map_err(|source| self.unwritable(source))?;

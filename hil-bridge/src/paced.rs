@@ -1,0 +1,117 @@
+//! Hardware in the loop in real time: the plant keeps to the clock, and the board's answer acts half a sample after the measurement.
+//!
+//! The bridge can't promise more than its link: at a rate of 1 / (2 x the 99.9 % round trip) nearly every answer is there in half a sample.
+//! One that is not comes too late: the drive is held, as a missed latch does on a bench, and it is counted. Half a sample of delay is
+//! in the loop whatever the link does meanwhile, so that margins can be told before.
+
+use crate::link::Link;
+use crate::lockstep::{LockstepError, Outcome, Ready, Row, end, sample};
+use crate::session::Session;
+use crate::statistics::Statistics;
+use control_core::{FaultCode, Limits};
+use plant_sim::experiment::Bench;
+use std::fmt;
+use std::time::Duration;
+use wire::ToBoard;
+
+/// A rate that a link can't keep up with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TooFast {
+    /// Samples per second wanted.
+    pub rate_hz: f64,
+    /// Round trip that 99.9 % keep within, seconds.
+    pub round_trip_s: f64,
+    /// Most samples per second.
+    pub most_hz: f64,
+}
+
+impl fmt::Display for TooFast {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} Hz is too fast in real time: 99.9 % of the round trips over this link take up to {:.1} us, and half a sample must hold \
+             that, which is {:.0} Hz at the most",
+            self.rate_hz,
+            1e6 * self.round_trip_s,
+            self.most_hz
+        )
+    }
+}
+
+/// From sample to drive at `rate_hz`, seconds.
+pub fn latency_s(rate_hz: f64) -> f64 {
+    0.5 / rate_hz
+}
+
+/// Whether a link with these round trips keeps up with `rate_hz`.
+///
+/// # Errors
+/// [`TooFast`]. Without a round trip nothing is known, and any rate is too fast.
+pub fn check(statistics: &Statistics, rate_hz: f64) -> Result<(), TooFast> {
+    let most_hz = statistics.paced_hz().unwrap_or(0.0);
+    if rate_hz <= most_hz {
+        return Ok(());
+    }
+    Err(TooFast { rate_hz, round_trip_s: 0.5 / most_hz, most_hz })
+}
+
+/// As [`crate::lockstep::run_on`], by the link's clock. The bench's latency is [`latency_s`]. Samples whose answer came too late, or that
+/// began late because of one, are the outcome's overruns.
+///
+/// # Errors
+/// [`LockstepError`]. A fault of the board is none, the outcome says it.
+pub fn run<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    samples: usize,
+    mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    let rate_hz = f64::from(ready.parameters.rate_hz);
+    let half = Duration::from_secs_f64(latency_s(rate_hz));
+    let mut outcome = Outcome::default();
+    session.order(&ToBoard::Arm)?;
+    session.order(&ToBoard::Run)?;
+    let mut last = Row {
+        index: 0,
+        displacement_m: 0.0,
+        command_v: 0.0,
+        reference_m: 0.0,
+        monitor_v: None,
+        limited_by: Limits::NONE,
+        is_lost: false,
+    };
+    // A sample that begins late moves all that follow: the plant's time stands still meanwhile, and no two samples come closer.
+    let mut begun = session.link().now();
+    let mut due = 0;
+    for index in 0..samples {
+        let at = begun + Duration::from_secs_f64(f64::from(due) / rate_hz);
+        let now = session.link().now();
+        if now < at {
+            session.link().pause(at - now).map_err(|error| LockstepError::Session(error.into()))?;
+        } else if now > at + half {
+            (begun, due) = (now, 0);
+        }
+        due += 1;
+        let sampled = session.link().now();
+        let (mut row, _) = sample(session, ready, bench, &Row { index, ..last })?;
+        if session.link().now().saturating_sub(sampled) > half && !row.is_lost {
+            outcome.overruns += 1;
+            row.command_v = last.command_v;
+        }
+        outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
+        if row.is_lost {
+            outcome.lost.push(index);
+        }
+        if let Err(error) = on_row(session, &row) {
+            // The first failure is the one to tell.
+            let _ = end(session, ready, bench, &row);
+            return Err(LockstepError::Row(error));
+        }
+        bench.apply(row.command_v);
+        last = row;
+    }
+    outcome.fault = FaultCode::from_number(session.status()?.fault);
+    end(session, ready, bench, &last)?;
+    Ok(outcome)
+}

@@ -1,0 +1,219 @@
+//! An experiment on a bench that hangs on the board's own pins: the board samples, drives and streams, the host writes down.
+//!
+//! The bench does not wait for the host. What the link loses is a hole in the record, counted and named; a host that falls silent is a
+//! fault of the board's own, which ends at 0 V.
+
+use crate::link::Link;
+use crate::lockstep::{LockstepError, Outcome, Ready, Row};
+use crate::session::{Block, Session, SessionError};
+use control_core::{AdcCode, DacCode, FaultCode, ModeName};
+use std::ops::ControlFlow;
+use std::time::Duration;
+use wire::{Flags, Sample, ToBoard};
+
+/// How long a look for samples waits: a block of 48 takes 2.4 ms at 20 kHz.
+const LOOK: Duration = Duration::from_millis(5);
+/// How often the board hears from its host; a fifth of the silence that it takes for a lost link.
+const ALIVE: Duration = Duration::from_millis(50);
+/// Without a sample for so long, the stream is gone.
+const STARVED: Duration = Duration::from_secs(3);
+/// Longest way to 0 V after the run; the ramp takes milliseconds.
+const END: Duration = Duration::from_secs(5);
+
+/// Runs a prepared board ([`crate::lockstep::prepare_task`], its input the ADC) for `samples` from the first one of the running loop on. Each
+/// row is given to `on_row` as it comes; if that fails, the board is stopped and the failure returned. The board ends idle or in its
+/// fault, at 0 V; after a fault the record ends where 0 V are reached.
+///
+/// # Errors
+/// [`LockstepError`]. A fault of the board is none, the outcome says it.
+pub fn run<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    samples: usize,
+    on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    let every = session.start_stream()?;
+    if every != 1 {
+        session.stop_stream()?;
+        let most_hz = f64::from(ready.parameters.rate_hz) / f64::from(every);
+        return Err(LockstepError::LinkTooSlow { every, most_hz });
+    }
+    let followed = follow(session, ready, samples, on_row);
+    // The first failure is the one to tell.
+    let left = leave(session);
+    let mut outcome = followed?;
+    left?;
+    outcome.fault = FaultCode::from_number(session.status()?.fault);
+    Ok(outcome)
+}
+
+fn follow<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    samples: usize,
+    mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    // What is older was left over from a stream before this one.
+    let idle_until = session.status()?.samples;
+    session.order(&ToBoard::Arm)?;
+    session.order(&ToBoard::Run)?;
+    let mut record = Record::new(ready, samples, idle_until);
+    let (mut heard_at, mut asked_at) = (session.link().now(), session.link().now());
+    loop {
+        let block = session.next_block(LOOK)?;
+        let now = session.link().now();
+        match block {
+            Some(block) => {
+                heard_at = now;
+                if record.take(&block, |row| on_row(session, row)).map_err(LockstepError::Row)?.is_break() {
+                    return Ok(record.outcome);
+                }
+            }
+            None if now.saturating_sub(heard_at) > STARVED => {
+                return Err(SessionError::Silent { request: "StreamStart".into() }.into());
+            }
+            None => {}
+        }
+        if now.saturating_sub(asked_at) >= ALIVE {
+            asked_at = now;
+            session.status()?;
+        }
+    }
+}
+
+/// What was recorded so far.
+struct Record<'a> {
+    ready: &'a Ready,
+    samples: usize,
+    reference_step_m: f64,
+    /// Number of a sample at which the loop stood still.
+    idle_until: u32,
+    /// Number of the first sample of the running loop, and how many follow until the one that comes next.
+    first: Option<(u32, usize)>,
+    last_v: f64,
+    outcome: Outcome,
+}
+
+impl Record<'_> {
+    fn new(ready: &Ready, samples: usize, idle_until: u32) -> Record<'_> {
+        let reference_step_m = f64::from(ready.parameters.reference_step_m(&ready.board.converters));
+        Record { ready, samples, reference_step_m, idle_until, first: None, last_v: 0.0, outcome: Outcome::default() }
+    }
+
+    /// Makes rows of a block; breaks behind the last one that is wanted.
+    fn take<E>(&mut self, block: &Block, mut on_row: impl FnMut(&Row) -> Result<(), E>) -> Result<ControlFlow<()>, E> {
+        for (k, sample) in block.samples.iter().enumerate() {
+            let number = block.first.wrapping_add(k as u32 * u32::from(block.every));
+            let mode = sample.flags.mode();
+            if self.first.is_none() {
+                let is_old = number.wrapping_sub(self.idle_until) > u32::MAX / 2;
+                if is_old || mode != ModeName::Running as u8 {
+                    continue;
+                }
+                self.first = Some((number, 0));
+            }
+            let Some((first, expected)) = &mut self.first else { continue };
+            let index = number.wrapping_sub(*first) as usize;
+            // A block that comes behind its turn was counted as lost, and rows are in order.
+            if index < *expected {
+                continue;
+            }
+            let end = index.min(self.samples);
+            self.outcome.lost.extend(*expected..end);
+            *expected = index + 1;
+            if index >= self.samples {
+                return Ok(ControlFlow::Break(()));
+            }
+            let row = self.row(index, sample);
+            self.outcome.peak_m = self.outcome.peak_m.max(row.displacement_m.abs());
+            on_row(&row)?;
+            let is_safe = mode == ModeName::Fault as u8 && row.command_v == 0.0;
+            if is_safe || index + 1 == self.samples {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+
+    fn row(&mut self, index: usize, sample: &Sample) -> Row {
+        let checked = &self.ready.checked;
+        // A drive that came too late was not latched: the one before stays.
+        if sample.flags.contains(Flags::OVERRUN) {
+            self.outcome.overruns += 1;
+        } else {
+            self.last_v = f64::from(checked.calibration.drive_v(DacCode(sample.drive)));
+        }
+        Row {
+            index,
+            displacement_m: f64::from(checked.calibration.displacement_m(AdcCode(sample.displacement))),
+            command_v: self.last_v,
+            reference_m: f64::from(sample.reference) * self.reference_step_m,
+            monitor_v: Some(f64::from(checked.monitor_v(sample.monitor))),
+            limited_by: sample.limited_by,
+            is_lost: false,
+        }
+    }
+}
+
+/// Stops the loop, waits for 0 V and ends the stream.
+fn leave<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
+    let is_at_rest = |mode: u8| mode == ModeName::Idle as u8 || mode == ModeName::Fault as u8;
+    if !is_at_rest(session.status()?.mode) {
+        session.stop()?;
+    }
+    let until = session.link().now() + END;
+    while !is_at_rest(session.status()?.mode) && session.link().now() < until {
+        // The bench's time passes meanwhile, on a simulated board too.
+        session.next_block(LOOK)?;
+    }
+    session.stop_stream()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::Board;
+    use control_core::Limits;
+    use wire::{Converters, Parameters};
+
+    /// What becomes of blocks that begin with these numbers, four running samples each.
+    fn rows(firsts: &[u32]) -> (Vec<usize>, Vec<usize>) {
+        let (parameters, converters) = (Parameters::NUCLEO_PI1, Converters::NUCLEO_G474RE);
+        let checked = parameters.check(&converters).unwrap();
+        let board = Board { board: String::new(), firmware: String::new(), converters };
+        let ready = Ready { board, parameters, checked, latency_s: 10e-6 };
+        let running = Sample {
+            reference: 0,
+            displacement: 2048,
+            monitor: 2048,
+            drive: 2048,
+            limited_by: Limits::NONE,
+            flags: Flags(ModeName::Running as u8),
+        };
+        let mut record = Record::new(&ready, 100, 1000);
+        let mut rows = Vec::new();
+        for &first in firsts {
+            let block = Block { first, every: 1, dropped: 0, samples: vec![running; 4] };
+            let taken = record.take(&block, |row| {
+                rows.push(row.index);
+                Ok::<(), ()>(())
+            });
+            if taken.unwrap().is_break() {
+                break;
+            }
+        }
+        (rows, record.outcome.lost)
+    }
+
+    #[test]
+    fn a_block_twice_or_behind_its_turn_makes_no_row_and_one_of_before_none_either() {
+        assert_eq!(rows(&[1001, 1005]), ((0..8).collect(), vec![]));
+        // Of the stream before; the loop ran in it, too.
+        assert_eq!(rows(&[900, 1001, 1005]), ((0..8).collect(), vec![]));
+        assert_eq!(rows(&[1001, 1001, 1005]), ((0..8).collect(), vec![]));
+        assert_eq!(rows(&[1001, 1009, 1005, 1013]), ([0..4, 8..16].into_iter().flatten().collect(), (4..8).collect()));
+        // The board began anew.
+        let (kept, lost) = rows(&[2001, 3, 7]);
+        assert_eq!((kept, lost), ((0..4).collect(), (4..100).collect()));
+    }
+}

@@ -1,0 +1,90 @@
+//! The link to the board that a call names, and what is said of it.
+
+use crate::arguments::BoardArguments;
+use crate::commands::board_serve;
+use crate::failure::Failure;
+use bench_page::engine::Open;
+use hil_bridge::in_process::InProcess;
+use hil_bridge::in_virtual::InVirtual;
+use hil_bridge::link::{Link, Place};
+use hil_bridge::session::Session;
+use hil_bridge::tcp::Tcp;
+use plant_sim::model::Model;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::time::Duration;
+use virtual_board::Image;
+
+/// A conversation over `link`, as patient as the call says.
+pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
+    let session = Session::new(link);
+    match at.patience_ms {
+        Some(ms) => session.with_patience(Duration::from_millis(ms)),
+        None => session,
+    }
+}
+
+/// The link that the call names; `model` and what follows it are the bench of a virtual board.
+pub fn open(
+    at: &BoardArguments,
+    model: Option<&Model>,
+    rate_hz: f64,
+    seed: u64,
+    anti_alias_hz: Option<f64>,
+) -> Result<Box<dyn Link>, Failure> {
+    Ok(opener(at, model, rate_hz, seed, anti_alias_hz)?()?)
+}
+
+/// The same for whoever opens it again and again; what can be wrong in the call is said here.
+pub fn opener(
+    at: &BoardArguments,
+    model: Option<&Model>,
+    rate_hz: f64,
+    seed: u64,
+    anti_alias_hz: Option<f64>,
+) -> Result<Open, Failure> {
+    if at.image.is_some() && at.board != Place::Virtual {
+        return Err(Failure::call("--image is for --board virtual: leave it out"));
+    }
+    Ok(match at.board.clone() {
+        Place::InProcess => Box::new(|| Ok(Box::new(InProcess::nucleo()))),
+        Place::Virtual => {
+            let (Some(image), Some(model)) = (&at.image, model) else {
+                return Err(Failure::call(
+                    "--board virtual needs --image IMAGE.elf (cargo xtask firmware) and --plant",
+                ));
+            };
+            let image = Image::read(image).map_err(|error| Failure::file(error.to_string()))?;
+            let bench = board_serve::bench(&image, model, rate_hz, seed, anti_alias_hz)?;
+            Box::new(move || Ok(Box::new(InVirtual::new(&image, &bench, rate_hz)?)))
+        }
+        Place::Tcp(address) => Box::new(move || Ok(Box::new(Tcp::connect(&address)?))),
+        Place::Serial(path) => serial(path, at.baud)?,
+    })
+}
+
+#[cfg(unix)]
+fn serial(path: PathBuf, baud: u32) -> Result<Open, Failure> {
+    Ok(Box::new(move || Ok(Box::new(hil_bridge::serial::Serial::open(&path, baud)?))))
+}
+
+#[cfg(not(unix))]
+fn serial(_: PathBuf, _: u32) -> Result<Open, Failure> {
+    Err(Failure::call("--board serial: not on this system; use tcp"))
+}
+
+/// The statistics of a link as lines for the terminal.
+pub fn link_facts(link: &Value) -> [(String, String); 3] {
+    let us = |key: &str| link["round_trip_us"][key].as_f64().map_or("-".to_owned(), |us| format!("{us:.1}"));
+    let trips = format!("{} / {} / {} / {} us", us("p50"), us("p99"), us("p99_9"), us("max"));
+    let count = |key: &str| link.get(key).map_or_else(String::new, Value::to_string);
+    let counts = |keys: [&str; 4]| keys.map(count).join(", ");
+    [
+        ("round trip, 50 / 99 / 99.9 % / most".to_owned(), trips),
+        ("requests, answered, lost, late".to_owned(), counts(["requests", "answered", "lost", "late"])),
+        (
+            "CRC errors, malformed, missing, resyncs".to_owned(),
+            counts(["crc_errors", "malformed", "missing", "resyncs"]),
+        ),
+    ]
+}

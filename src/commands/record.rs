@@ -1,0 +1,350 @@
+//! `hysteron record`: experiments on a bench that hangs on a board's own pins, one after the other, into a run directory.
+
+use crate::arguments::{RecordCall, spec_files};
+use crate::commands::board;
+use crate::commands::link::{link_facts, open, session};
+use crate::failure::Failure;
+use crate::output;
+use control_core::Settings;
+use hil_bridge::experiments::{Experiment, demagnetising};
+use hil_bridge::faulty::{Faults, Faulty};
+use hil_bridge::link::{Link, Place};
+use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, prepare_task, run_on};
+use hil_bridge::pins;
+use hil_bridge::recording::{Facts, Recording};
+use hil_bridge::run_directory::{RunError, check_place};
+use hil_bridge::session::{Board, Session};
+use plant_sim::experiment::{Bench, Program, Setup};
+use plant_sim::model::Model;
+use plant_sim::replay::Start;
+use plant_sim::spec::{Spec, Unit};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use virtual_board::waveform::Waveform;
+use wire::InputSource;
+
+/// Fewest rows that a log has, and the most: an hour at 20 kHz.
+const ROWS: std::ops::RangeInclusive<usize> = 16..=72_000_000;
+
+/// An experiment, ready to be played.
+struct Played {
+    waveform: Waveform,
+    samples: usize,
+}
+
+/// What is read before a board is spoken to.
+struct Plan {
+    experiments: Vec<Experiment>,
+    played: Vec<Played>,
+    before: Option<(String, Played)>,
+    settings: Vec<Settings>,
+    controllers: Vec<(String, Vec<u8>)>,
+    reference_files: Vec<(String, Vec<u8>)>,
+}
+
+/// Runs it.
+pub fn record(call: &RecordCall) -> Result<(), Failure> {
+    let plan = plan(call)?;
+    let model = call.plant.as_deref().map(Model::read).transpose()?;
+    let plant_file = call.plant.as_deref().map(named).transpose()?;
+    let image = call.at.image.as_deref().map(named).transpose()?;
+    let faults: Option<Faults> = call
+        .link_faults
+        .as_deref()
+        .map(str::parse)
+        .transpose()
+        .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
+    if call.at.board == Place::InProcess && model.is_none() {
+        return Err(Failure::call("--board in-process has no pins: give --plant, which is then the bench"));
+    }
+    check_place(&call.out)?;
+
+    let link = open(&call.at, model.as_ref(), call.rate, call.seed, call.anti_alias)?;
+    let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
+    let board = session.greet().map_err(LockstepError::<RunError>::from)?;
+    let warnings = check(call, &plan, &board, model.as_ref())?;
+    // Whatever the board refuses, it refuses before there is a directory and before anything moves.
+    for (experiment, played) in plan.experiments.iter().zip(&plan.played) {
+        prepare(call, &plan, &mut session, experiment.controller, played, call.clear_fault)?;
+    }
+    let samples: Vec<usize> = plan.played.iter().map(|played| played.samples).collect();
+    let facts = Facts {
+        place: &call.at.board,
+        board: &board,
+        image: image.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
+        plant: plant_file.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
+        controllers: &plan.controllers,
+        reference_files: &plan.reference_files,
+        experiments: &plan.experiments,
+        samples: &samples,
+        set: call.set.map(|set| set.name()),
+        before: plan.before.as_ref().map(|(spec, _)| spec.as_str()),
+        rate_hz: call.rate,
+        seed: call.seed,
+        link_faults: call.link_faults.as_deref(),
+    };
+    let mut recording = Recording::create(&call.out, &facts)?;
+    let mut bench = model.as_ref().filter(|_| call.at.board == Place::InProcess).map(|model| {
+        let chain = model.chain();
+        let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
+        let start = Start { state, drive_v };
+        // Latency and length are the board's; all boards have the same converters in process.
+        let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+        Bench::new(&Setup { chain: &chain, start: &start, rate_hz: call.rate, samples: 0, latency_s, seed: call.seed })
+    });
+    let outcomes = play(call, &plan, &facts, &mut session, bench.as_mut(), &mut recording, faults.is_some());
+    let outcomes = match outcomes {
+        Ok(outcomes) => outcomes,
+        Err(failure) => {
+            // Why it ended matters more than that this can't be written either.
+            let _ = recording.keep(session.statistics());
+            return Err(failure);
+        }
+    };
+    let names: Vec<String> = recording.names().map(str::to_owned).collect();
+    if outcomes.iter().all(|outcome| outcome.fault.is_none()) {
+        recording.finish(session.statistics())?;
+    }
+    output::warn(&warnings);
+    say(call, &board, &session.statistics().json(), &names, &outcomes, &samples);
+    verdict(call, &names, &outcomes)
+}
+
+/// A file's name and content.
+fn named(path: &Path) -> Result<(String, Vec<u8>), Failure> {
+    Ok((output::file_name(path), output::content(path)?))
+}
+
+/// Reads the call's files and lays out what is to be played.
+fn plan(call: &RecordCall) -> Result<Plan, Failure> {
+    let mut plan = Plan {
+        experiments: Vec::new(),
+        played: Vec::new(),
+        before: None,
+        settings: Vec::new(),
+        controllers: Vec::new(),
+        reference_files: Vec::new(),
+    };
+    let mut stems = Vec::new();
+    for path in &call.controller {
+        let stem = path.file_stem().map_or_else(|| output::file_name(path), |s| s.to_string_lossy().into_owned());
+        if stems.contains(&stem) {
+            return Err(Failure::call(format!("--controller: two are called {stem}; rename one")));
+        }
+        plan.settings.push(board::settings(path, call.rate)?);
+        plan.controllers.push(named(path)?);
+        stems.push(stem);
+    }
+    match call.set {
+        Some(set) => {
+            plan.experiments = set.experiments(call.rate, &stems, call.size);
+            let before = demagnetising(call.size);
+            let played = lay_out(&before, call.rate)?;
+            plan.before = Some((before, played));
+        }
+        None => {
+            for (number, text) in call.spec.iter().enumerate() {
+                let unit = Spec::parse(text)?.unit;
+                let name =
+                    |what: &str| if call.spec.len() > 1 { format!("{what}-{}", number + 1) } else { what.into() };
+                if unit == Some(Unit::Micrometre) {
+                    if stems.is_empty() {
+                        return Err(Failure::call(format!("{text} is a displacement: give --controller")));
+                    }
+                    for (index, stem) in stems.iter().enumerate() {
+                        let name = name(stem);
+                        plan.experiments.push(Experiment { name, spec: text.clone(), controller: Some(index) });
+                    }
+                } else {
+                    plan.experiments.push(Experiment { name: name("drive"), spec: text.clone(), controller: None });
+                }
+            }
+        }
+    }
+    if plan.experiments.is_empty() {
+        return Err(Failure::call("this set is nothing but loops: give --controller, once for each"));
+    }
+    let mut seen: Vec<PathBuf> = Vec::new();
+    for experiment in &plan.experiments {
+        plan.played.push(lay_out(&experiment.spec, call.rate)?);
+        let spec = Spec::parse(&experiment.spec)?;
+        for path in spec_files(std::iter::once(&spec)) {
+            if !seen.contains(path) {
+                plan.reference_files.push(named(path)?);
+                seen.push(path.clone());
+            }
+        }
+    }
+    Ok(plan)
+}
+
+fn lay_out(text: &str, rate_hz: f64) -> Result<Played, Failure> {
+    let spec = Spec::parse(text)?;
+    let program = Program::new(&spec, rate_hz)?;
+    let Some(samples) = program.samples() else {
+        return Err(Failure::call(format!("{text} has no length of its own: add `,for=2s` to its last part")));
+    };
+    if !ROWS.contains(&samples) {
+        return Err(Failure::call(format!(
+            "{text}: {samples} samples; a log has {} to {}: change its length or --rate",
+            ROWS.start(),
+            ROWS.end()
+        )));
+    }
+    let waveform = Waveform::new(&spec, rate_hz).map_err(|error| Failure::call(format!("{text}: {error}")))?;
+    Ok(Played { waveform, samples })
+}
+
+/// Refuses loops that can't be stable; what there is to warn of.
+fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -> Result<Vec<String>, Failure> {
+    let Some(model) = model else {
+        let blind = "no --plant: whether the loops are stable was not checked";
+        return Ok(plan.settings.first().map(|_| blind.to_owned()).into_iter().collect());
+    };
+    let mut warnings = model.warnings();
+    let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+    for settings in &plan.settings {
+        warnings.extend(board::margins(settings, call.rate, latency_s, &model.chain())?);
+    }
+    Ok(warnings)
+}
+
+fn prepare<L: Link>(
+    call: &RecordCall,
+    plan: &Plan,
+    session: &mut Session<L>,
+    controller: Option<usize>,
+    played: &Played,
+    clear_fault: bool,
+) -> Result<Ready, LockstepError<RunError>> {
+    let task = Task {
+        settings: controller.map(|index| &plan.settings[index]),
+        rate_hz: call.rate,
+        waveform: &played.waveform,
+        is_closed_loop: controller.is_some(),
+        input: if call.at.board == Place::InProcess { InputSource::Bridge } else { InputSource::Analog },
+    };
+    prepare_task(session, &task, clear_fault)
+}
+
+/// Plays and writes down one experiment after the other; a fault ends it early.
+fn play<L: Link>(
+    call: &RecordCall,
+    plan: &Plan,
+    facts: &Facts<'_>,
+    session: &mut Session<Faulty<L>>,
+    mut bench: Option<&mut Bench>,
+    recording: &mut Recording,
+    is_faulty: bool,
+) -> Result<Vec<Outcome>, Failure> {
+    let total: usize = plan.played.iter().map(|played| played.samples).sum();
+    let bar = output::bar(total as u64, "recording");
+    let mut outcomes = Vec::new();
+    let mut done = 0;
+    for (index, (experiment, played)) in plan.experiments.iter().zip(&plan.played).enumerate() {
+        if let Some((_, before)) = &plan.before {
+            let ready = prepare(call, plan, session, None, before, false)?;
+            let outcome = run(session, &ready, bench.as_deref_mut(), before.samples, |_, _| Ok(()))?;
+            if outcome.fault.is_some() {
+                outcomes.push(outcome);
+                break;
+            }
+        }
+        let ready = prepare(call, plan, session, experiment.controller, played, false)?;
+        recording.begin(index, &ready, facts)?;
+        let outcome = run(session, &ready, bench.as_deref_mut(), played.samples, |session, row| {
+            if row.index.is_multiple_of(1000) {
+                bar.set_position((done + row.index) as u64);
+            }
+            // Not before the loop runs: what starts it is not what such a run is about.
+            session.link().switch(is_faulty);
+            let now = session.link().now();
+            recording.row(index, row, now, session.statistics())
+        });
+        session.link().switch(false);
+        let outcome = outcome?;
+        recording.end(index, session.statistics(), &outcome)?;
+        done += played.samples;
+        let is_over = outcome.fault.is_some();
+        outcomes.push(outcome);
+        if is_over {
+            break;
+        }
+    }
+    bar.finish_and_clear();
+    Ok(outcomes)
+}
+
+/// Through the board's pins, or with the plant of a bench in process.
+fn run<L: Link>(
+    session: &mut Session<Faulty<L>>,
+    ready: &Ready,
+    bench: Option<&mut Bench>,
+    samples: usize,
+    on_row: impl FnMut(&mut Session<Faulty<L>>, &Row) -> Result<(), RunError>,
+) -> Result<Outcome, LockstepError<RunError>> {
+    match bench {
+        Some(bench) => run_on(session, ready, bench, samples, on_row),
+        None => pins::run(session, ready, samples, on_row),
+    }
+}
+
+/// A log with a hole, or a board in its fault, is no success.
+fn verdict(call: &RecordCall, names: &[String], outcomes: &[Outcome]) -> Result<(), Failure> {
+    let last = outcomes.last().zip(names.get(outcomes.len().saturating_sub(1)));
+    if let Some((Some(fault), name)) = last.map(|(outcome, name)| (outcome.fault, name)) {
+        return Err(Failure::hardware(format!(
+            "the board is in {fault}: see limited_by in {}",
+            call.out.join(name).display()
+        )));
+    }
+    // In process a lost sample is a row like any other, whose drive was held.
+    let has_holes = call.at.board != Place::InProcess;
+    let holed = outcomes.iter().zip(names).find(|(outcome, _)| has_holes && !outcome.lost.is_empty());
+    match holed {
+        Some((outcome, name)) => Err(Failure::hardware(format!(
+            "{} of the samples of {} were lost on the link, which identify and diagnose will not take: link.json names them; record again over a better one",
+            outcome.lost.len(),
+            call.out.join(name).display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+fn say(
+    call: &RecordCall,
+    board: &Board,
+    link: &serde_json::Value,
+    names: &[String],
+    outcomes: &[Outcome],
+    samples: &[usize],
+) {
+    if call.json {
+        let log = |((name, outcome), samples): ((&String, &Outcome), &usize)| {
+            json!({
+                "log": name,
+                "samples": samples,
+                "lost_samples": outcome.lost.len(),
+                "overruns": outcome.overruns,
+                "fault": outcome.fault.map_or("none", |fault| fault.word()),
+                "peak_um": outcome.peak_m * 1e6,
+            })
+        };
+        let logs: Vec<_> = names.iter().zip(outcomes).zip(samples).map(log).collect();
+        let value = json!({ "board": board.board, "firmware": board.firmware, "link": link, "logs": logs });
+        return output::line(&value.to_string());
+    }
+    let mut facts = vec![("board".to_owned(), format!("{}, firmware {}", board.board, board.firmware))];
+    for ((name, outcome), samples) in names.iter().zip(outcomes).zip(samples) {
+        let told = format!(
+            "{samples} samples, {} lost, {} late, at most {:.2} um",
+            outcome.lost.len(),
+            outcome.overruns,
+            outcome.peak_m * 1e6
+        );
+        facts.push((name.clone(), told));
+    }
+    facts.extend(link_facts(link));
+    output::facts(&facts);
+    output::line(&format!("run: {}", call.out.display()));
+}
