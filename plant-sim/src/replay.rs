@@ -164,8 +164,14 @@ impl<'a> Reader<'a> {
     pub fn new(chain: &Chain, log: &'a Log, start: &Start) -> Self {
         let player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
         let ahead = 1 + player.look_ahead();
-        let ratio = chain.sensor.clock_ratio;
-        let clock = (ratio != 0.0).then(|| Clock { ratio, known_m: VecDeque::new(), taken: 0 });
+        let (ratio, drift_per_s) = (chain.sensor.clock_ratio, chain.sensor.clock_drift_per_s);
+        let half_drift = 0.5 * drift_per_s * log.dt_s;
+        let clock = (ratio != 0.0 || half_drift != 0.0).then(|| Clock {
+            ratio,
+            half_drift,
+            known_m: VecDeque::new(),
+            taken: 0,
+        });
         Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0) }
     }
 
@@ -192,9 +198,11 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Readings at another clock's instants: row k of a log is read at k (1 + ratio) samples of the drive's clock.
+/// Readings at another clock's instants: row k of a log is read at k (1 + ratio + half_drift k) samples of the drive's clock.
 struct Clock {
     ratio: f64,
+    /// Half the change of the ratio from one sample to the next.
+    half_drift: f64,
     /// The last readings at the drive's instants.
     known_m: VecDeque<f64>,
     /// Readings taken in all.
@@ -204,7 +212,8 @@ struct Clock {
 impl Clock {
     /// The instant of row `k` in samples of the drive's clock.
     fn instant(&self, k: usize) -> f64 {
-        (k as f64 * (1.0 + self.ratio)).max(0.0)
+        let k = k as f64;
+        (k * (1.0 + self.ratio + self.half_drift * k)).max(0.0)
     }
 
     /// Whether the two readings after row `k`'s instant are still to come.

@@ -190,6 +190,7 @@ fn suffix(unit: &str) -> Option<&'static str> {
         "N/m^2" => "_n_per_m2",
         "N/m^3" => "_n_per_m3",
         "N/m^5" => "_n_per_m5",
+        "1/s" => "_per_s",
         "1/m" => "_per_m",
         "1/m^2" => "_per_m2",
         "1/V" => "_per_v",

@@ -19,6 +19,8 @@ use serde::Serialize;
 const NO_PRIOR: f64 = 10.0;
 /// Stages of the last descent, which starts where the fit ended.
 const AGAIN: [f64; 2] = [3.0, 0.0];
+/// Median of a normal's square in shares of its mean.
+const MEDIAN_OF_SQUARE: f64 = 0.455;
 /// A nominal number has moved beyond this many of its sigma.
 const MOVED: f64 = 3.0;
 /// A start coordinate whose sigma is still this share of its prior's is not determined.
@@ -126,7 +128,8 @@ fn independent_weights(search: &Search<'_>, candidate: &Candidate) -> Vec<f64> {
 }
 
 impl Augmented {
-    /// Mean square that the uncertainty of all shared numbers makes on the held-out rows that are scored, metres squared.
+    /// Mean square that the uncertainty of all shared numbers most likely makes on the held-out rows that are scored, metres squared: the
+    /// median, because a few undetermined numbers make most of it and may as well be right.
     pub fn spread2_m2(&self, benches: &Benches<'_>) -> f64 {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
@@ -138,7 +141,7 @@ impl Augmented {
             variant.z.iter_mut().zip(direction.iter()).for_each(|(z, along)| *z += variance.sqrt() * along);
             benches.mean_square_apart_m2(&played, &benches.play_held(&variant))
         });
-        moved.sum()
+        MEDIAN_OF_SQUARE * moved.sum::<f64>()
     }
 
     fn sigma(&self, place: usize) -> f64 {

@@ -21,7 +21,7 @@ const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandw
 /// An entry whose fit leaves more than this is tried in its other forms as well.
 const WELL: f64 = 0.01;
 /// A single explanation that leaves more than this invites a second effect.
-const PAIR_BEYOND: f64 = 0.06;
+pub(super) const PAIR_BEYOND: f64 = 0.06;
 /// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
 const AS_GOOD: f64 = 1.5;
 /// .. must take at least this much of what was left.

@@ -2,7 +2,7 @@
 
 use super::bench::Freedom;
 use super::evidence::{Judged, probabilities, unknown_score};
-use super::fits::{FOUND, Fits, HOPELESS};
+use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Search};
@@ -161,8 +161,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
     // What a fit leaves may scatter as well. Whether it is noise, only a fit that nothing more can be added to would tell.
-    if let Some(best) = best.filter(|best| best.chi > AT_NOISE) {
-        let left = best.left(&refit, noise);
+    if let Some((best, left)) =
+        best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left > PAIR_BEYOND)
+    {
         let beside = self::scattered(bench, &search.play(best));
         let both = by_scatter(&beside, best, floor, without, HOPELESS, false).into_iter().map(|mut explanation| {
             explanation.judged.left *= left;

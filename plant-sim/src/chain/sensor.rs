@@ -43,9 +43,11 @@ pub struct Sensor {
     pub repeated_share: f64,
     /// Step of the converter in metres; zero for none.
     pub quantum_m: f64,
-    /// The sensor's clock runs fast by this ratio against the drive's: row k is read at k (1 + ratio) samples. Acts where whole logs
-    /// are replayed.
+    /// The sensor's clock runs fast by this ratio against the drive's at the log's start: row k is read at k (1 + ratio) samples. Acts
+    /// where whole logs are replayed.
     pub clock_ratio: f64,
+    /// Change of that ratio per second.
+    pub clock_drift_per_s: f64,
 }
 
 /// amplitude (1 - exp(-t / time constant)); with an infinite time constant, amplitude is the change per second.
@@ -109,6 +111,7 @@ impl Sensor {
         repeated_share: 0.0,
         quantum_m: 0.0,
         clock_ratio: 0.0,
+        clock_drift_per_s: 0.0,
     };
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
