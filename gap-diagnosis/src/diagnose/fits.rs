@@ -1,7 +1,7 @@
 //! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
 
 use super::bench::Bench;
-use super::judge::{AT_NOISE, Say};
+use super::judge::{AT_NOISE, FREED_BESIDES, Say};
 use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Remainder, Search};
@@ -100,11 +100,14 @@ impl Fits<'_> {
             }
             fits.push(fit);
         }
-        // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum.
+        // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
+        // bends the nominal numbers as if they were wrong besides.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
         for fit in fits.iter_mut().take(finalists) {
-            if (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE {
+            let is_above = (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE;
+            let is_bent = self.left(fit) < FOUND && fit.found.prior_cost > FREED_BESIDES;
+            if is_above || is_bent {
                 (self.say)("polishing", 0.6);
                 *fit = self.search.polish(fit.clone());
             }

@@ -19,17 +19,21 @@ const RESOLVED: f64 = 20.0;
 /// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
 const RESTARTS: u64 = 4;
 const LOCAL_MINIMUM: f64 = 400.0;
+/// Squares of the numbers' shifts beyond which a refit may have bent them: a dozen numbers make a dozen, give or take five.
+const BENT_COST: f64 = 30.0;
 /// A fit that leaves less than this may show the refit a better minimum, and one that leaves less than this is a better one.
 const MUCH_BETTER: f64 = 0.7;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost: three sigma and the look-elsewhere of a dozen directions.
 const FREED_LEAST: f64 = 12.0;
 /// The same beside an effect that was fitted.
-const FREED_BESIDES: f64 = 60.0;
+pub(super) const FREED_BESIDES: f64 = 60.0;
 /// The same beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
 /// less than this of the whole gap.
 const FREED_FIRST: f64 = 300.0;
 const PAYS_FOR_ALL: f64 = 0.05;
 const NEARLY_ALL: f64 = 0.1;
+/// Least fraction of the gap that an effect beside a fit above the noise is taken to leave.
+const BENT: f64 = 0.02;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
 pub(super) const AT_NOISE: f64 = 1.06;
 /// .. but not where that takes less than the rest of the gap's power away.
@@ -106,10 +110,11 @@ pub type Say<'a> = &'a (dyn Fn(&str, f64) + Sync);
 pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<'_>) -> Course {
     say("refitting the nominal plant", 0.02);
     let mut refit = search.refit(freedom);
-    // A first refit ends in a local minimum now and then, most often a little above the noise: hysterons forget nothing, so that dead
-    // zones and capacitances lock one another.
+    // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
+    // nothing, so that dead zones and capacitances lock one another.
     for attempt in 0..RESTARTS {
-        if !has_gap(&refit) || refit.chi > LOCAL_MINIMUM {
+        let is_bent = refit.found.prior_cost > BENT_COST;
+        if !(has_gap(&refit) || is_bent) || refit.chi > LOCAL_MINIMUM {
             break;
         }
         refit = search.refit_elsewhere(refit, attempt);
@@ -160,22 +165,24 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
-    // What a fit leaves may scatter as well. Whether it is noise, only a fit that nothing more can be added to would tell.
+    // What a fit leaves may scatter as well.
     if let Some((best, left)) =
         best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left > PAIR_BEYOND)
     {
         let beside = self::scattered(bench, &search.play(best));
-        let both = by_scatter(&beside, best, floor, without, HOPELESS, false).into_iter().map(|mut explanation| {
-            explanation.judged.left *= left;
-            explanation
-        });
+        let both = by_scatter(&beside, best, floor, without, best_share, !line_hz.is_empty()).into_iter().map(
+            |mut explanation| {
+                explanation.judged.left *= left;
+                explanation
+            },
+        );
         explanations.extend(both);
     }
     // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
     // the refit leaves of the whole gap is left then.
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
     let rest = (excess / whole.max(excess)).sqrt();
-    if rest < NEARLY_ALL {
+    if rest < NEARLY_ALL && refit.found.prior_cost > FREED_FIRST {
         let freed = freed(bench, &refit.hypothesis, &refit.found);
         let pays = |freed: &Freed| freed.cost < PAYS_FOR_ALL * freed.cost_without;
         let freed = freed.into_iter().filter(pays).collect();
@@ -247,11 +254,13 @@ fn by_symmetry(
     without: &[&str],
     least: f64,
 ) -> Vec<Explanation> {
+    // Numbers that a wrong form has bent say little; at the noise they are what they are.
+    let floor = if fit.chi < AT_NOISE { floor } else { floor.max(BENT) };
     freed
         .into_iter()
         .filter(|f| !without.contains(&f.effect) && f.gain() > least)
         .map(|freed| {
-            let mut explanation = Explanation::by_fit(fit, left, floor.max(0.02)).and(freed.effect);
+            let mut explanation = Explanation::by_fit(fit, left, floor).and(freed.effect);
             explanation.judged.prior_cost = freed.cost.max(0.0);
             Explanation { freed: Some(freed), ..explanation }
         })

@@ -9,6 +9,9 @@ use super::descend::{Found, noise_weights};
 use crate::identify::parameters::Quantity;
 use nalgebra::{DMatrix, DVector};
 
+/// A time constant below this many samples is instant.
+const INSTANT: f64 = 0.05;
+
 /// A direction in the nominal numbers, freed.
 #[derive(Clone, Debug)]
 pub struct Freed {
@@ -126,7 +129,7 @@ pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantit
     if !bench.is_monitored() {
         all.push(("amplifier_gain", None, gain(-1.0)));
     }
-    for free in &bench.free {
+    for free in bench.free.iter().filter(|free| is_seen(bench, free.quantity)) {
         let alone = along(&|q| f64::from(u8::from(q == free.quantity)));
         all.push(match free.quantity {
             Quantity::Offset => ("sensor_offset", None, alone),
@@ -134,6 +137,15 @@ pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantit
         });
     }
     all
+}
+
+/// Whether logs sampled like these can show a number to be wrong: how fast a hysteron discharges that is done within a small part of a
+/// sample is a matter of how it is integrated.
+fn is_seen(bench: &Bench<'_>, quantity: Quantity) -> bool {
+    let Quantity::Slope(i) = quantity else { return true };
+    let sample_s = bench.records.iter().map(|record| record.log.dt_s).fold(f64::INFINITY, f64::min);
+    let hysterons = &bench.chain.plant.hysterons;
+    hysterons.get(i).is_none_or(|hysteron| hysteron.capacitance_f / hysteron.slope_s > INSTANT * sample_s)
 }
 
 /// Minimises misfit and shifts over the numbers x = z + d and the free factor m: -2 g.d + d.I.d + (x - m s).P.(x - m s).

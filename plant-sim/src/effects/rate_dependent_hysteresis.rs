@@ -1,6 +1,6 @@
 //! Rate-dependent hysteresis: the loop widens with speed beyond what damping explains.
 
-use super::parts::{bend, bend_all, slowest, with_dead_zone};
+use super::parts::{bend, bend_all, bend_slowest, slowest, with_dead_zone};
 use super::{About, Form, Parameter, Scales};
 use crate::chain::{BendLaw, Chain, Force};
 
@@ -55,19 +55,22 @@ fn leak(chain: &mut Chain, hysterons: &[usize], p: &[f64]) {
     }
 }
 
+fn share(scales: &Scales<'_>) -> Vec<Parameter> {
+    let slower = REFERENCE_V_PER_S / scales.usual_rate_v_per_s();
+    vec![Parameter::amplitude("share", "", [0.0, 3.0 * slower], 0.05 * slower)]
+}
+
+fn widening(share: f64) -> BendLaw {
+    BendLaw::Widening { share, reference_v_per_s: REFERENCE_V_PER_S }
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("power", power, |chain, p| {
         let (force_n, reference_m_per_s, exponent) = (p[0], REFERENCE_M_PER_S, p[1]);
         chain.parts.forces.push(Force::Power { force_n, reference_m_per_s, exponent });
     }),
-    Form::predictable(
-        "widening",
-        |scales| {
-            let slower = REFERENCE_V_PER_S / scales.usual_rate_v_per_s();
-            vec![Parameter::amplitude("share", "", [0.0, 3.0 * slower], 0.05 * slower)]
-        },
-        |chain, p| bend_all(chain, BendLaw::Widening { share: p[0], reference_v_per_s: REFERENCE_V_PER_S }),
-    ),
+    Form::predictable("widening", share, |chain, p| bend_all(chain, widening(p[0]))),
+    Form::predictable("widening-of-slowest", share, |chain, p| bend_slowest(chain, widening(p[0]))),
     Form::predictable("leak", exponent, |chain, p| {
         let all = with_dead_zone(&chain.plant);
         leak(chain, &all, p);

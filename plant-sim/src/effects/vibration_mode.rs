@@ -2,7 +2,7 @@
 
 use super::parts::TINY;
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::{Arm, Joint, Mode};
+use crate::chain::{Arm, Chain, Joint, Mode};
 
 effect!(VibrationMode, "vibration_mode", Structure);
 
@@ -30,7 +30,7 @@ const ABOUT: About = About {
 const N_STARTS: usize = 32;
 
 /// Natural frequency and damping ratio.
-fn resonance(scales: &Scales<'_>) -> [Parameter; 2] {
+pub(super) fn resonance(scales: &Scales<'_>) -> [Parameter; 2] {
     let bounds = [0.2 / scales.longest_s, 0.45 / scales.sample_s];
     let highest_hz = 0.4 / scales.sample_s;
     let lowest_hz = 100f64.min(0.05 * highest_hz).max(bounds[0]);
@@ -40,6 +40,12 @@ fn resonance(scales: &Scales<'_>) -> [Parameter; 2] {
     ]
 }
 
+/// A mass on a spring: its share of the plant's mass, frequency and damping ratio.
+pub(super) fn attach(chain: &mut Chain, p: &[f64]) {
+    let mass_kg = chain.plant.mass_kg * p[0].max(TINY);
+    chain.parts.modes.push(Mode { joint: Joint::Attached { mass_kg }, hz: p[1], damping_ratio: p[2] });
+}
+
 const FORMS: &[Form] = &[
     Form::predictable(
         "attached",
@@ -47,10 +53,7 @@ const FORMS: &[Form] = &[
             let [hz, damping_ratio] = resonance(scales);
             vec![Parameter::amplitude("mass_ratio", "", [0.0, 0.5], 0.01), hz, damping_ratio]
         },
-        |chain, p| {
-            let mass_kg = chain.plant.mass_kg * p[0].max(TINY);
-            chain.parts.modes.push(Mode { joint: Joint::Attached { mass_kg }, hz: p[1], damping_ratio: p[2] });
-        },
+        attach,
     ),
     Form::predictable(
         "parallel",
