@@ -3,13 +3,14 @@
 //! Two tasks. [`receive`] takes frames one after the other and has at most one request under way in the loop; [`send`] owns
 //! the transmitter and sends answers before samples.
 
+use crate::line::{Disturbed, Line};
 use crate::shared::{self, Lent, Reply, Request, State};
 use crate::{capture, control, store};
 use control_core::{Segment, SegmentError};
 use core::fmt::{self, Write};
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_stm32::usart::UartTx;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use heapless::{String, Vec};
@@ -292,14 +293,14 @@ fn count_bad() {
 
 /// Takes frames for ever.
 #[embassy_executor::task]
-pub async fn receive(mut line: RingBufferedUartRx<'static>, mut desk: Desk) {
+pub async fn receive(mut line: Line, mut desk: Desk) {
     let mut receiver = wire::Receiver::new();
     let mut missed = Missed::default();
     let mut bytes = [0; 64];
     loop {
         let n = match line.read(&mut bytes).await {
             Ok(n) => n,
-            Err(_) => {
+            Err(Disturbed) => {
                 // Noise or too much at once: the frame is lost, which its CRC will show; the next one starts anew.
                 count_bad();
                 continue;

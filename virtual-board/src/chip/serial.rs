@@ -1,7 +1,7 @@
 //! USART2 with its FIFOs, DMA1 and the request multiplexer: bytes between the line and memory.
 //!
-//! Modelled: byte times from BRR, both FIFOs of eight, overrun, idle line, the DMA's counters, circular mode and flags. Not
-//! modelled: parity, noise, half duplex, flow control: each is an error.
+//! Modelled: byte times from BRR, both FIFOs of eight, overrun, a missing stop bit, idle line, the DMA's counters, circular mode and
+//! flags. Not modelled: parity, noise, half duplex, flow control: each is an error.
 
 use super::strict::{Access, Bank, Kept, unmodelled};
 use std::collections::VecDeque;
@@ -15,6 +15,7 @@ const ICR: u32 = 0x20;
 const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
 const FIFO: usize = 8;
+const FE: u32 = 1 << 1;
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
 const RXNE: u32 = 1 << 5;
@@ -95,7 +96,7 @@ impl Usart {
     pub fn interrupt(&self) -> bool {
         let (isr, cr1) = (self.isr(), self.bank.at(CR1));
         // The enable bits of CR1 stand where the flags do; EIE is CR3's.
-        isr & cr1 & (IDLE | RXNE | TC | TXE) != 0 || isr & ORE != 0 && self.bank.at(CR3) & 1 != 0
+        isr & cr1 & (IDLE | RXNE | TC | TXE) != 0 || isr & (FE | ORE) != 0 && self.bank.at(CR3) & 1 != 0
     }
 
     /// Whether a byte waits for the DMA.
@@ -194,6 +195,20 @@ impl Usart {
         if self.idle_at.is_some_and(|at| at <= now) {
             self.idle_at = None;
             self.flags |= IDLE;
+        }
+    }
+
+    /// A pulse on the line that is taken for a start bit: a byte without a stop bit, now. It takes its place like any other, with FE set.
+    pub fn disturb(&mut self, byte: u8) {
+        if !self.is_on(2) {
+            return;
+        }
+        if self.rx.len() < FIFO {
+            self.rx.push_back(byte);
+            self.flags |= FE;
+        } else {
+            self.flags |= ORE;
+            self.overruns += 1;
         }
     }
 
