@@ -237,6 +237,8 @@ struct Channel {
     reload: u32,
     address: u32,
     request: u32,
+    /// Disabled with its count neither run out nor written since.
+    is_aborted: bool,
 }
 
 /// DMA1's first two channels and DMAMUX1 in front of them.
@@ -266,7 +268,7 @@ impl Dma {
     pub fn new() -> Dma {
         // EN, TCIE, HTIE, TEIE, DIR, CIRC, MINC, PL
         let ccr = Kept::new("DMA_CCR", 0, 0x30bf);
-        let channel = Channel { ccr, cndtr: 0, cpar: 0, cmar: 0, reload: 0, address: 0, request: 0 };
+        let channel = Channel { ccr, cndtr: 0, cpar: 0, cmar: 0, reload: 0, address: 0, request: 0, is_aborted: false };
         // DMAREQ_ID, EGE
         let mux = Kept::new("DMAMUX_CCR", 0, 0x27f);
         Dma { channels: [channel; 2], isr: 0, mux: Bank::new("DMAMUX1", &[(0, mux), (4, mux)]) }
@@ -314,7 +316,17 @@ impl Dma {
         match register {
             0 => {
                 channel.ccr.write(value)?;
+                if !channel.ccr.bit(0) && is_enabled {
+                    channel.is_aborted = channel.cndtr != 0;
+                }
                 if channel.ccr.bit(0) && !is_enabled {
+                    // RM0440, DMA, "Suspend and resume a channel": "not supported by the DMA hardware". Only "Abort and restart" is.
+                    if channel.is_aborted {
+                        return unmodelled(
+                            format!("DMA1 channel {}", number + 1),
+                            "enabled again with what was left of its count",
+                        );
+                    }
                     channel.reload = channel.cndtr;
                     channel.address = channel.cmar;
                     channel.request = request;
@@ -329,7 +341,10 @@ impl Dma {
                     }
                 }
             }
-            4 => channel.cndtr = value & 0xffff,
+            4 => {
+                channel.cndtr = value & 0xffff;
+                channel.is_aborted = false;
+            }
             8 => channel.cpar = value,
             _ => channel.cmar = value,
         }
