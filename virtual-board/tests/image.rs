@@ -375,9 +375,9 @@ fn without_the_guard_an_interrupt_hits_an_it_block_and_is_found_out() {
     board.run_samples(3000).unwrap();
     board.machine.drop_guard();
     let mut found = None;
-    // A request every 97 samples, so that there is code to interrupt: most of the time the core sleeps.
-    for _ in 0..3000 {
-        if let Err(error) = board.run_samples(97).and_then(|()| board.status()) {
+    // Requests at every phase of the sampling: most of the time the core sleeps, and what it does after a request is what can be hit.
+    for k in 0..1000 {
+        if let Err(error) = board.run_cycles(10_000 + 37 * k % PERIOD).and_then(|()| board.status()) {
             found = Some(error);
             break;
         }
