@@ -9,6 +9,7 @@
 //! | [`control`] | the control interrupt: one sample |
 //! | [`mod@between`] | requests, stream, capture: the interrupt behind it |
 //! | [`registers`] | every register that embassy has no driver for |
+//! | [`line`](mod@line) | bytes in: a ring behind a DMA that never stops |
 //! | [`link`] | frames in, answers and the stream out |
 //! | [`start`] | reset cause, clock, order of the first steps, the watchdog's supervisor |
 //! | `bin/` | one file per board: its converters and its interrupt |
@@ -20,6 +21,7 @@ pub mod between;
 pub mod capture;
 pub mod control;
 pub mod external;
+pub mod line;
 pub mod link;
 pub mod masks;
 pub mod registers;

@@ -3,16 +3,18 @@
 //! Two tasks. [`receive`] takes frames one after the other and has at most one request under way in the loop; [`send`] owns
 //! the transmitter and sends answers before samples.
 
+use crate::line::{Disturbed, Line};
 use crate::shared::{self, Lent, Reply, Request, State};
 use crate::{capture, control, store};
 use control_core::{Segment, SegmentError};
 use core::fmt::{self, Write};
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_stm32::usart::UartTx;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use heapless::{String, Vec};
+use wire::rules::{Change, ChangeError, NO_BRIDGE, NOT_IDLE, WAVE_FULL, fill_table};
 use wire::{
     Checked, Converters, Frame, Identity, Missed, Parameters, ResetCause, SegmentRecord, Sender, Status, StreamReason,
     ToBoard, ToHost,
@@ -97,8 +99,8 @@ impl Desk {
     async fn ask_and_answer(&mut self, sequence: u16, request: Request) {
         let answer = match self.ask(request).await {
             Reply::Refused(refused) => refuse(sequence, refused),
-            Reply::NotIdle => refuse(sequence, "only while idle: stop first"),
-            Reply::NotBridge => refuse(sequence, "the input is the ADC: choose the bridge first"),
+            Reply::NotIdle => refuse(sequence, NOT_IDLE),
+            Reply::NotBridge => refuse(sequence, NO_BRIDGE),
             Reply::Done | Reply::Bridge { .. } => Answer::Done { sequence },
         };
         say(answer).await;
@@ -117,6 +119,7 @@ impl Desk {
         control::LOOP.heard.store(control::LOOP.samples.load(Ordering::Relaxed), Ordering::Relaxed);
         let is_idle = State::now().is_idle();
         match message {
+            order if order.needs_idle() && !is_idle => say(refuse(sequence, NOT_IDLE)).await,
             ToBoard::Hello => {
                 let reference_step_m = self.parameters.reference_step_m(&self.facts.converters);
                 say(Answer::Identity { reference_step_m }).await;
@@ -134,7 +137,6 @@ impl Desk {
                 say(answer).await;
             }
             ToBoard::GetParameters => say(Answer::Parameters(self.parameters)).await,
-            ToBoard::SaveParameters if !is_idle => say(refuse(sequence, NOT_IDLE)).await,
             ToBoard::SaveParameters => match store::save(&self.parameters) {
                 Ok(()) => say(Answer::Done { sequence }).await,
                 Err(error) => say(refuse(sequence, error)).await,
@@ -143,11 +145,6 @@ impl Desk {
                 self.ask_and_answer(sequence, Request::Reference(reference_m)).await;
             }
             ToBoard::Drive { drive_v } => self.ask_and_answer(sequence, Request::Drive(drive_v)).await,
-            ToBoard::WaveClear | ToBoard::WaveSegment(_) | ToBoard::WaveTable { .. } | ToBoard::WaveUse { .. }
-                if !is_idle =>
-            {
-                say(refuse(sequence, NOT_IDLE)).await;
-            }
             ToBoard::WaveClear => {
                 self.segments.clear();
                 self.ask_and_answer(sequence, Request::Reference(0.0)).await;
@@ -155,12 +152,12 @@ impl Desk {
             ToBoard::WaveSegment(record) => {
                 let answer = match self.segments.push(record) {
                     Ok(()) => Answer::Done { sequence },
-                    Err(_) => refuse(sequence, "the waveform is full: 16 segments"),
+                    Err(_) => refuse(sequence, WAVE_FULL),
                 };
                 say(answer).await;
             }
             ToBoard::WaveTable { offset, values } => {
-                let answer = match self.table(usize::from(offset), values).await {
+                let answer = match self.table(offset, values).await {
                     Ok(()) => Answer::Done { sequence },
                     Err(reason) => refuse(sequence, reason),
                 };
@@ -178,7 +175,7 @@ impl Desk {
                     Reply::Bridge { drive, drive_v, reference_m, limited_by } => {
                         Answer::Bridge { index, drive, drive_v, reference_m, limited_by }
                     }
-                    _ => refuse(sequence, "the input is the ADC: choose the bridge first"),
+                    _ => refuse(sequence, NO_BRIDGE),
                 };
                 say(answer).await;
             }
@@ -196,13 +193,8 @@ impl Desk {
     }
 
     /// Checks a set as a whole and puts it in force at one sample.
-    async fn set(&mut self, parameters: Parameters, is_idle: bool) -> Result<(), SetError> {
-        let checked = parameters.check(&self.facts.converters).map_err(SetError::Parameters)?;
-        let is_only_law = parameters.with_settings(&self.parameters.settings()) == self.parameters;
-        let is_other_rate = parameters.rate_hz != self.parameters.rate_hz;
-        if !is_idle && (is_other_rate || !is_only_law) {
-            return Err(SetError::NotIdle);
-        }
+    async fn set(&mut self, parameters: Parameters, is_idle: bool) -> Result<(), ChangeError> {
+        let Change { checked, is_other_rate } = self.parameters.change(&parameters, &self.facts.converters, is_idle)?;
         let next_idx = 1 - self.set_idx;
         // SAFETY: the loop uses the other one; it has answered the last `Apply`, so it has let go of this.
         let checked = unsafe { (*SETS[next_idx].get()).insert(checked) };
@@ -216,20 +208,12 @@ impl Desk {
         Ok(())
     }
 
-    async fn table(&mut self, offset: usize, values: &[u8]) -> Result<(), &'static str> {
+    async fn table(&mut self, offset: u16, values: &[u8]) -> Result<(), &'static str> {
         // The loop lets go of a waveform that may point into the table.
         let _ = self.ask(Request::Reference(0.0)).await;
         // SAFETY: it has let go, and no other task touches the table.
         let table = unsafe { &mut *TABLE.get() };
-        let (values, rest) = values.as_chunks::<4>();
-        let places = table.get_mut(offset..).unwrap_or_default();
-        if !rest.is_empty() || values.len() > places.len() {
-            return Err("the table holds 4096 samples of four bytes");
-        }
-        for (place, value) in places.iter_mut().zip(values) {
-            *place = f32::from_le_bytes(*value);
-        }
-        Ok(())
+        fill_table(table, offset, values)
     }
 
     async fn waveform(&mut self) -> Result<&'static [Segment<'static>], SegmentError> {
@@ -242,23 +226,6 @@ impl Desk {
             let _ = waveform.push(record.build(self.parameters.rate_hz, table)?);
         }
         Ok(waveform)
-    }
-}
-
-const NOT_IDLE: &str = "only while idle: stop first";
-
-/// Why a set was not put in force.
-enum SetError {
-    Parameters(wire::ParameterError),
-    NotIdle,
-}
-
-impl fmt::Display for SetError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            SetError::Parameters(error) => write!(f, "{error}"),
-            SetError::NotIdle => f.write_str("rate, calibration and guards change only while idle: stop first"),
-        }
     }
 }
 
@@ -292,14 +259,14 @@ fn count_bad() {
 
 /// Takes frames for ever.
 #[embassy_executor::task]
-pub async fn receive(mut line: RingBufferedUartRx<'static>, mut desk: Desk) {
+pub async fn receive(mut line: Line, mut desk: Desk) {
     let mut receiver = wire::Receiver::new();
     let mut missed = Missed::default();
     let mut bytes = [0; 64];
     loop {
         let n = match line.read(&mut bytes).await {
             Ok(n) => n,
-            Err(_) => {
+            Err(Disturbed) => {
                 // Noise or too much at once: the frame is lost, which its CRC will show; the next one starts anew.
                 count_bad();
                 continue;

@@ -306,6 +306,75 @@ pub fn make_dac_safe(mid: u16) {
     pac::DAC1.dhr12r(0).write(|w| w.set_dhr(mid));
 }
 
+/// Reception on the link's port. embassy sets the port up and owns what it sends.
+pub mod line {
+    use super::pac;
+
+    /// The second channel: embassy's transmitter has the first.
+    const CHANNEL: usize = 1;
+    /// DMAMUX: USART2_RX.
+    const REQUEST: u8 = 26;
+
+    /// Lets the DMA write what comes to `bytes` bytes from `to` on, round and round, and the interrupts tell of it.
+    pub fn begin(to: *mut u8, bytes: u16) {
+        pac::DMAMUX1.ccr(CHANNEL).write(|w| w.set_dmareq_id(REQUEST));
+        let channel = pac::DMA1.ch(CHANNEL);
+        channel.par().write_value(pac::USART2.rdr().as_ptr() as u32);
+        channel.mar().write_value(to as u32);
+        channel.ndtr().write(|w| w.set_ndt(bytes));
+        channel.cr().write(|w| {
+            w.set_minc(true);
+            w.set_circ(true);
+            w.set_htie(true);
+            w.set_tcie(true);
+            w.set_teie(true);
+            w.set_en(true);
+        });
+        pac::USART2.cr1().modify(|w| w.set_idleie(true));
+        pac::USART2.cr3().modify(|w| {
+            w.set_eie(true);
+            w.set_dmar(true);
+        });
+    }
+
+    /// Bytes that the DMA will write until it comes round.
+    pub fn left() -> u16 {
+        pac::DMA1.ch(CHANNEL).ndtr().read().ndt()
+    }
+
+    /// The DMA has come round and its interrupt has not been here.
+    pub fn is_lap_due() -> bool {
+        pac::DMA1.isr().read().tcif(CHANNEL)
+    }
+
+    /// Clears the channel's flags; whether the DMA has come round.
+    pub fn take_lap() -> bool {
+        let flags = pac::DMA1.isr().read();
+        // A bus error stops the channel; its addresses never change, so the program has lost its way.
+        assert!(!flags.teif(CHANNEL), "the receiver's DMA met an error");
+        let is_lap = flags.tcif(CHANNEL);
+        // Only what was seen, so that none is lost between the two lines.
+        pac::DMA1.ifcr().write(|w| {
+            w.set_htif(CHANNEL, flags.htif(CHANNEL));
+            w.set_tcif(CHANNEL, is_lap);
+        });
+        is_lap
+    }
+
+    /// Clears the port's flags of silence and error; whether there was an error.
+    pub fn take_errors() -> bool {
+        let flags = pac::USART2.isr().read();
+        pac::USART2.icr().write(|w| {
+            w.set_pe(flags.pe());
+            w.set_fe(flags.fe());
+            w.set_ne(flags.ne());
+            w.set_ore(flags.ore());
+            w.set_idle(flags.idle());
+        });
+        flags.pe() || flags.fe() || flags.ne() || flags.ore()
+    }
+}
+
 /// Writing and erasing the second flash bank.
 pub mod flash {
     use super::pac;

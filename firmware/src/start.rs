@@ -5,29 +5,36 @@
 //! board comes up disarmed with a latched fault.
 
 use crate::control;
+use crate::line::{Line, OnLine, OnRing};
 use crate::link::{self, Desk, Facts};
 use crate::shared;
 use crate::store::{self, Found};
 use crate::{Board, registers};
 use control_core::FaultCode;
-use core::mem::MaybeUninit;
+use core::mem::{self, MaybeUninit};
 use core::sync::atomic::{Ordering, compiler_fence};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
+use embassy_stm32::interrupt::typelevel::{self, Binding};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, Uart};
 use embassy_stm32::{Peripherals, bind_interrupts, dma, interrupt, peripherals};
-use static_cell::StaticCell;
 use wire::{Parameters, ResetCause};
 
 bind_interrupts!(struct Interrupts {
-    USART2 => usart::InterruptHandler<peripherals::USART2>;
+    USART2 => OnLine;
     DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
-    DMA1_CHANNEL2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
+    DMA1_CHANNEL2 => OnRing;
 });
+
+// SAFETY: not called where this says it is, and not missed: embassy's handler serves its receivers and `flush`, and of its driver only
+// `UartTx::write` is used, which waits for its DMA channel alone. Called, it would turn off what wakes `Line`.
+unsafe impl Binding<typelevel::USART2, usart::InterruptHandler<peripherals::USART2>> for Interrupts {}
+// SAFETY: as above; embassy never enables this channel, which is `Line`'s.
+unsafe impl Binding<typelevel::DMA1_CHANNEL2, dma::InterruptHandler<peripherals::DMA1_CH2>> for Interrupts {}
 
 /// Says that the program was running, through a reset: memory that no start-up code clears.
 #[unsafe(link_section = ".uninit.mark")]
@@ -154,14 +161,13 @@ fn start_link(spawner: Spawner, peripherals: Peripherals, facts: Facts, paramete
         Interrupts,
         config,
     );
-    // 3.4 ms of line, so that a request that is being carried out loses none behind it.
-    static RING: StaticCell<[u8; 1024]> = StaticCell::new();
     let desk = Desk::new(facts, parameters);
     match uart {
         Ok(uart) => {
             let (sender, receiver) = uart.split();
-            let receiver = receiver.into_ring_buffered(RING.init([0; 1024]));
-            match (link::receive(receiver, desk), link::send(sender, facts), supervise()) {
+            // Not dropped, so that the port stays on; nothing else uses it.
+            mem::forget(receiver);
+            match (link::receive(Line::begin(), desk), link::send(sender, facts), supervise()) {
                 (Ok(receive), Ok(send), Ok(supervise)) => {
                     spawner.spawn(receive);
                     spawner.spawn(send);

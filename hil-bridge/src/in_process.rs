@@ -1,11 +1,12 @@
 //! A board without a chip: `control-core` behind the link's protocol, in this process.
 //!
 //! It answers what a lockstep run asks for as the firmware does (`firmware/src/link.rs`, `Control::bridge` in `firmware/src/control.rs`), with
-//! the same law, mode machine and conversions. Stream, capture, flash and everything analog are refused in words.
+//! the same law, mode machine, conversions and rules ([`wire::rules`]). Stream, capture, flash and everything analog are refused in words.
 
 use crate::link::{Link, LinkError};
 use control_core::{AdcCode, Command, Controller, DacCode, FaultCode, Generator, Input, Mode, ModeName, Segment};
 use std::time::{Duration, Instant};
+use wire::rules::{Change, NO_BRIDGE, NOT_IDLE, WAVE_FULL, fill_table};
 use wire::{
     Checked, Converters, Frame, Identity, InputSource, MAX_ENCODED_BYTES, Parameters, Receiver, ResetCause,
     SegmentRecord, Sender, Status, ToBoard, ToHost, WireError,
@@ -15,8 +16,6 @@ use wire::{
 const TABLE_SAMPLES: usize = 4096;
 const SEGMENTS: usize = 16;
 
-const NOT_IDLE: &str = "only while idle: stop first";
-const NO_BRIDGE: &str = "the input is the ADC: choose the bridge first";
 const NOT_HERE: &str = "a board in process has no converters, stream, capture or flash";
 
 /// What the loop is to do.
@@ -140,28 +139,22 @@ impl InProcess {
                 self.task = Task::Drive(*drive_v);
                 Ok(())
             }
-            ToBoard::WaveClear
-            | ToBoard::WaveSegment(_)
-            | ToBoard::WaveTable { .. }
-            | ToBoard::WaveUse { .. }
-            | ToBoard::Input(_)
-                if !is_idle =>
-            {
-                Err(NOT_IDLE.into())
-            }
+            ToBoard::SaveParameters => Err(NOT_HERE.into()),
+            order if order.needs_idle() && !is_idle => Err(NOT_IDLE.into()),
             ToBoard::WaveClear => {
                 self.records.clear();
                 self.task = Task::Reference(0.0);
                 Ok(())
             }
-            ToBoard::WaveSegment(_) if self.records.len() == SEGMENTS => {
-                Err("the waveform is full: 16 segments".into())
-            }
+            ToBoard::WaveSegment(_) if self.records.len() == SEGMENTS => Err(WAVE_FULL.into()),
             ToBoard::WaveSegment(record) => {
                 self.records.push(*record);
                 Ok(())
             }
-            ToBoard::WaveTable { offset, values } => self.fill_table(usize::from(*offset), values),
+            ToBoard::WaveTable { offset, values } => {
+                self.task = Task::Reference(0.0);
+                Ok(fill_table(&mut self.table, *offset, values)?)
+            }
             ToBoard::WaveUse { is_closed_loop } => self.use_wave(*is_closed_loop),
             ToBoard::Input(input) => {
                 self.input = *input;
@@ -172,30 +165,13 @@ impl InProcess {
     }
 
     fn set(&mut self, parameters: Parameters, is_idle: bool) -> Result<(), String> {
-        let checked = parameters.check(&self.converters).map_err(|error| error.to_string())?;
-        let is_only_law = parameters.with_settings(&self.parameters.settings()) == self.parameters;
-        let is_other_rate = parameters.rate_hz != self.parameters.rate_hz;
-        if !is_idle && (is_other_rate || !is_only_law) {
-            return Err("rate, calibration and guards change only while idle: stop first".into());
-        }
+        let changed = self.parameters.change(&parameters, &self.converters, is_idle);
+        let Change { checked, is_other_rate } = changed.map_err(|error| error.to_string())?;
         self.controller.exchange_law(checked.law);
         self.checked = checked;
         self.parameters = parameters;
         if is_other_rate {
             self.task = Task::Reference(0.0);
-        }
-        Ok(())
-    }
-
-    fn fill_table(&mut self, offset: usize, values: &[u8]) -> Result<(), String> {
-        self.task = Task::Reference(0.0);
-        let (values, rest) = values.as_chunks::<4>();
-        let places = self.table.get_mut(offset..).unwrap_or_default();
-        if !rest.is_empty() || values.len() > places.len() {
-            return Err("the table holds 4096 samples of four bytes".into());
-        }
-        for (place, value) in places.iter_mut().zip(values) {
-            *place = f32::from_le_bytes(*value);
         }
         Ok(())
     }

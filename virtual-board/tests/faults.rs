@@ -147,6 +147,72 @@ fn garbage_at_full_baud_neither_stops_nor_delays_the_loop() {
     assert!(chip.rows.windows(2).all(|two| two[1].latch_cycle - two[0].latch_cycle == 8500));
 }
 
+/// Says hello and returns after how many microseconds the identity was there.
+fn greet_us(board: &mut VirtualBoard) -> u64 {
+    let before = board.machine.now();
+    let answer = board.ask(&ToBoard::Hello).unwrap();
+    assert!(matches!(answer, Heard::Identity { .. }), "{answer:?}");
+    (board.machine.now() - before) / 170
+}
+
+/// A pulse on the line while the receiver waits for the next byte, which stands elsewhere in its ring each time.
+#[test]
+fn a_disturbed_line_costs_a_frame_and_no_more() {
+    let Some(mut board) = running() else { return };
+    let before = board.status().unwrap().bad_frames;
+    for k in 0..100 {
+        board.machine.chip().usart.disturb(k);
+        board.run_samples(2).unwrap();
+        // Ends the frame that the disturbed byte began.
+        board.send_bytes(&[0]);
+        board.run_samples(2).unwrap();
+        // Hello, 13 bytes, and its answer, under 100: 0.4 ms of line.
+        let waited = greet_us(&mut board);
+        assert!(waited < 1000, "disturbance {k}: {waited} us");
+    }
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Running as u8, 0));
+    assert!(status.bad_frames >= before + 100, "{} disturbances were noticed", status.bad_frames - before);
+}
+
+/// More than the receiver's ring holds comes in while answers wait for the line, again and again. What is lost is lost: nothing that stood
+/// in the ring before is carried out a second time.
+#[test]
+fn a_ring_that_ran_over_costs_what_was_in_it_and_no_more() {
+    let Some(mut board) = running() else { return };
+    board.ask(&ToBoard::StreamStart { every: 1 }).unwrap();
+    let before = board.status().unwrap().bad_frames;
+    let mut sent = 0;
+    for flood in 0..10 {
+        // Every third is answered with its number.
+        for k in 0..300 + 7 * flood {
+            let request = if k % 3 == 0 { ToBoard::Reference { reference_m: 80e-6 } } else { ToBoard::KeepAlive };
+            board.send(&request).unwrap();
+            sent += u32::from(k % 3 == 0);
+        }
+        // 370 of them take 18 ms, and what was taken in less than 50 ms more to answer.
+        board.run_samples(1600).unwrap();
+        board.send_bytes(&[0]);
+        board.run_samples(2).unwrap();
+        // Up to two blocks of the stream, 1.7 ms each, may be before the answer.
+        let waited = greet_us(&mut board);
+        assert!(waited < 5000, "flood {flood}: {waited} us");
+    }
+    let done: Vec<u16> = board
+        .unasked
+        .iter()
+        .filter_map(|heard| match heard {
+            Heard::Done { sequence } => Some(*sequence),
+            _ => None,
+        })
+        .collect();
+    assert!(done.len() > 200 && (done.len() as u32) < sent, "{} of {sent} were carried out", done.len());
+    assert!(done.windows(2).all(|two| two[0] < two[1]), "{done:?}");
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Running as u8, 0));
+    assert!(status.bad_frames >= before + 10, "{} frames were lost", status.bad_frames - before);
+}
+
 #[test]
 fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
     let Some(mut board) = running() else { return };
@@ -168,7 +234,8 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
 #[test]
 fn samples_that_were_overwritten_unread_are_a_fault() {
     let Some(mut board) = running() else { return };
-    // Two and a half periods: the ADC goes on, nobody reads it.
+    // Two and a half periods from a sample on, so that they end between two latches: the ADC goes on, nobody reads it.
+    board.run_samples(1).unwrap();
     board.machine.stall(21_250);
     ends_safe(&mut board, FaultCode::AdcLate, 3);
     let status = board.status().unwrap();

@@ -57,6 +57,7 @@ extern crate std;
 mod frame;
 mod message;
 mod parameters;
+pub mod rules;
 mod sample;
 
 pub use frame::{

@@ -1,7 +1,7 @@
 //! USART2 with its FIFOs, DMA1 and the request multiplexer: bytes between the line and memory.
 //!
-//! Modelled: byte times from BRR, both FIFOs of eight, overrun, idle line, the DMA's counters, circular mode and flags. Not
-//! modelled: parity, noise, half duplex, flow control: each is an error.
+//! Modelled: byte times from BRR, both FIFOs of eight, overrun, a missing stop bit, idle line, the DMA's counters, circular mode and
+//! flags. Not modelled: parity, noise, half duplex, flow control: each is an error.
 
 use super::strict::{Access, Bank, Kept, unmodelled};
 use std::collections::VecDeque;
@@ -15,6 +15,7 @@ const ICR: u32 = 0x20;
 const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
 const FIFO: usize = 8;
+const FE: u32 = 1 << 1;
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
 const RXNE: u32 = 1 << 5;
@@ -95,7 +96,7 @@ impl Usart {
     pub fn interrupt(&self) -> bool {
         let (isr, cr1) = (self.isr(), self.bank.at(CR1));
         // The enable bits of CR1 stand where the flags do; EIE is CR3's.
-        isr & cr1 & (IDLE | RXNE | TC | TXE) != 0 || isr & ORE != 0 && self.bank.at(CR3) & 1 != 0
+        isr & cr1 & (IDLE | RXNE | TC | TXE) != 0 || isr & (FE | ORE) != 0 && self.bank.at(CR3) & 1 != 0
     }
 
     /// Whether a byte waits for the DMA.
@@ -197,6 +198,20 @@ impl Usart {
         }
     }
 
+    /// A pulse on the line that is taken for a start bit: a byte without a stop bit, now. It takes its place like any other, with FE set.
+    pub fn disturb(&mut self, byte: u8) {
+        if !self.is_on(2) {
+            return;
+        }
+        if self.rx.len() < FIFO {
+            self.rx.push_back(byte);
+            self.flags |= FE;
+        } else {
+            self.flags |= ORE;
+            self.overruns += 1;
+        }
+    }
+
     fn begin_arriving(&mut self, now: u64) {
         if !self.from_host.is_empty() && self.is_on(2) {
             self.arrives_at = Some(now + self.byte_cycles());
@@ -222,6 +237,8 @@ struct Channel {
     reload: u32,
     address: u32,
     request: u32,
+    /// Disabled with its count neither run out nor written since.
+    is_aborted: bool,
 }
 
 /// DMA1's first two channels and DMAMUX1 in front of them.
@@ -251,7 +268,7 @@ impl Dma {
     pub fn new() -> Dma {
         // EN, TCIE, HTIE, TEIE, DIR, CIRC, MINC, PL
         let ccr = Kept::new("DMA_CCR", 0, 0x30bf);
-        let channel = Channel { ccr, cndtr: 0, cpar: 0, cmar: 0, reload: 0, address: 0, request: 0 };
+        let channel = Channel { ccr, cndtr: 0, cpar: 0, cmar: 0, reload: 0, address: 0, request: 0, is_aborted: false };
         // DMAREQ_ID, EGE
         let mux = Kept::new("DMAMUX_CCR", 0, 0x27f);
         Dma { channels: [channel; 2], isr: 0, mux: Bank::new("DMAMUX1", &[(0, mux), (4, mux)]) }
@@ -299,7 +316,17 @@ impl Dma {
         match register {
             0 => {
                 channel.ccr.write(value)?;
+                if !channel.ccr.bit(0) && is_enabled {
+                    channel.is_aborted = channel.cndtr != 0;
+                }
                 if channel.ccr.bit(0) && !is_enabled {
+                    // RM0440, DMA, "Suspend and resume a channel": "not supported by the DMA hardware". Only "Abort and restart" is.
+                    if channel.is_aborted {
+                        return unmodelled(
+                            format!("DMA1 channel {}", number + 1),
+                            "enabled again with what was left of its count",
+                        );
+                    }
                     channel.reload = channel.cndtr;
                     channel.address = channel.cmar;
                     channel.request = request;
@@ -314,7 +341,10 @@ impl Dma {
                     }
                 }
             }
-            4 => channel.cndtr = value & 0xffff,
+            4 => {
+                channel.cndtr = value & 0xffff;
+                channel.is_aborted = false;
+            }
             8 => channel.cpar = value,
             _ => channel.cmar = value,
         }
