@@ -173,6 +173,26 @@ fn a_drive_monitor_tells_the_amplifier_from_what_follows() {
 }
 
 #[test]
+fn rows_that_were_lost_hide_no_effect_beside_them() {
+    let mut case = of(EffectId::Creep);
+    for log in &mut case.logs {
+        // Every fortieth reading never came, and the one before was written again.
+        for k in (40..log.displacement_um.len()).step_by(40) {
+            log.displacement_um[k] = log.displacement_um[k - 1];
+        }
+    }
+    let folder = Folder::new("diagnose-lost");
+    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines", "hold"])));
+    let found = diagnosis(&folder);
+    let mut effects = list(&found["effects"]);
+    effects.sort_unstable();
+    assert_eq!(effects, ["creep", "lost_samples"], "{}", found["ranking"]);
+    let share = found["parameters"].as_array().expect("parameters").iter().find(|p| p["effect"] == "lost_samples");
+    let share = share.and_then(|p| p["value"].as_f64()).expect("a share");
+    assert!((share - 1.0 / 40.0).abs() < 2e-3, "{share}");
+}
+
+#[test]
 fn a_bench_as_nominal_has_no_gap() {
     let folder = Folder::new("diagnose-null");
     let case = case(Subject::Null);
