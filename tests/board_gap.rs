@@ -45,14 +45,15 @@ fn its_delay_and_its_quantisation_are_named_with_their_sizes() {
     let call = format!("record --board virtual --image {image} --plant @/nominal.toml {specs} --out @/run");
     succeeded(&run(&folder, &call));
 
-    // As recorded, the logs say when commands act: what is left is the ADC.
-    let lattice = |found: &Value| {
-        assert_eq!(names(found), ["quantisation"]);
+    // 12 bits over +-130 um in 3.3 V: 63.477 nm.
+    let check_lattice = |found: &Value| {
         let [quantum_m, _] = parameter(found, "quantum_m");
-        // 12 bits over +-130 um in 3.3 V: 63.477 nm.
         assert!((quantum_m / 63.477e-9 - 1.0).abs() < 1e-3, "{quantum_m}");
     };
-    lattice(&diagnosis(&folder, "@/nominal.toml", "run", "as-recorded"));
+    // As recorded, the logs say when commands act: what is left is the ADC.
+    let found = diagnosis(&folder, "@/nominal.toml", "run", "as-recorded");
+    assert_eq!(names(&found), ["quantisation"]);
+    check_lattice(&found);
 
     // An ideal simulation knows of no time between a sample and its drive: it sees what the board needs, 10 us.
     std::fs::create_dir(folder.path("ideal")).expect("a folder");
@@ -64,12 +65,14 @@ fn its_delay_and_its_quantisation_are_named_with_their_sizes() {
         folder.write(&format!("ideal/{name}"), rest);
     }
     let found = diagnosis(&folder, "@/nominal.toml", "ideal", "delay");
-    assert_eq!(names(&found), ["transport_delay"]);
+    assert_eq!(names(&found), ["transport_delay", "quantisation"]);
+    check_lattice(&found);
     let [delay_s, sigma_s] = parameter(&found, "delay_s");
     // Rounding is no white noise, so that its sigma is known to a factor only.
     assert!((delay_s - 10e-6).abs() < (8.0 * sigma_s).max(2e-8) && sigma_s < 1e-7, "{delay_s} +- {sigma_s}");
     assert!(found["gap"]["shrink_percent"].as_f64().expect("a number") > 95.0, "{}", found["gap"]);
 
-    // The plant that it wrote has the delay; what is left to find is the ADC once more.
-    lattice(&diagnosis(&folder, "@/delay/augmented.toml", "ideal", "both"));
+    // The plant that it wrote has both: nothing is left to find.
+    let found = diagnosis(&folder, "@/delay/augmented.toml", "ideal", "both");
+    assert_eq!((found["verdict"].as_str(), names(&found).len()), (Some("no_gap"), 0), "{}", found["ranking"]);
 }

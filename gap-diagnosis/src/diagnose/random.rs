@@ -40,7 +40,8 @@ pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) 
     let stated_m = stated.value * 1e-6;
     // What a plant that has the effect already says of it is stated too.
     let known_m = bench.model.chain().sensor;
-    let stated2 = stated_m.powi(2).max(known_m.noise_m.powi(2) + known_m.slow_noise_m.powi(2));
+    let known2 = known_m.noise_m.powi(2) + known_m.slow_noise_m.powi(2);
+    let stated2 = stated_m.powi(2).max(known2) + known_m.quantum_m.powi(2) / 12.0;
     let mean = |of: &dyn Fn(&super::bench::Record<'_>) -> f64| {
         let rows: usize = bench.records.iter().map(|r| r.log.len()).sum();
         bench.records.iter().map(|r| of(r) * r.log.len() as f64).sum::<f64>() / rows.max(1) as f64
