@@ -5,7 +5,7 @@ mod support;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, stderr, stdout};
+use support::{Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, run_on_a_full_disk, stderr, stdout};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
@@ -307,21 +307,7 @@ fn a_port_without_permission_says_who_may() {
 #[test]
 fn a_full_disk_ends_the_run_in_one_line_and_stops_the_board() {
     let folder = Folder::new("hil-full");
-    // 64 KB for any file of this process: as a disk that is full, without filling one.
-    let line = call("in-process", "run").replace("0.05", "1");
-    let words: Vec<String> = line.split_whitespace().map(|word| folder.fill_in(word)).collect();
-    let script = format!("trap '' XFSZ; ulimit -f 128; exec \"$0\" {}", words.join(" "));
-    let output = Command::new("bash")
-        .current_dir(root())
-        .args(["-c", &script, env!("CARGO_BIN_EXE_hysteron")])
-        .output()
-        .expect("bash");
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("log.csv: cannot be written") && said.lines().count() == 1, "{said}");
-    // What was handed over before is whole, and read.
-    let log = folder.read("run/log.csv");
-    assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
+    run_on_a_full_disk(&folder, &call("in-process", "run").replace("0.05", "1"));
     let replay = format!("replay --plant {PLANT} @/run/log.csv --out @/p.csv --initial relaxed --no-page --json");
     assert!(run(&folder, &replay).status.success());
     assert_eq!(json(&folder.read("run/link.json"))["is_complete"], false);

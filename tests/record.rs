@@ -4,7 +4,9 @@ mod support;
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, column, identity, image, impostor, json, root, run, stderr, succeeded};
+use support::{
+    Folder, PI1, PLANT, column, identity, image, impostor, json, root, run, run_on_a_full_disk, stderr, succeeded,
+};
 
 const PI2: &str = "controllers/pi2.toml";
 
@@ -234,20 +236,7 @@ fn holes_are_no_success_and_are_named() {
 #[test]
 fn a_full_disk_ends_it_in_one_line() {
     let folder = Folder::new("record-full");
-    let line = call("--spec sine:60V@10Hz/1s", "run");
-    let words: Vec<String> = line.split_whitespace().map(|word| folder.fill_in(word)).collect();
-    // 64 KB for any file of this process: as a disk that is full, without filling one.
-    let script = format!("trap '' XFSZ; ulimit -f 128; exec \"$0\" {}", words.join(" "));
-    let output = Command::new("bash")
-        .current_dir(root())
-        .args(["-c", &script, env!("CARGO_BIN_EXE_hysteron")])
-        .output()
-        .expect("bash");
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("log.csv: cannot be written") && said.lines().count() == 1, "{said}");
-    let log = folder.read("run/log.csv");
-    assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
+    run_on_a_full_disk(&folder, &call("--spec sine:60V@10Hz/1s", "run"));
     succeeded(&run(&folder, &format!("replay --plant {PLANT} @/run/log.csv --out @/p.csv --no-page --json")));
     assert_eq!(parsed(&folder.read("run/link.json"))["is_complete"], false);
 }

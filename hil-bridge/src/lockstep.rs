@@ -65,6 +65,19 @@ pub struct Row {
     pub is_lost: bool,
 }
 
+impl Row {
+    /// What holds before the first sample.
+    pub const BEFORE: Row = Row {
+        index: 0,
+        displacement_m: 0.0,
+        command_v: 0.0,
+        reference_m: 0.0,
+        monitor_v: None,
+        limited_by: Limits::NONE,
+        is_lost: false,
+    };
+}
+
 /// How a run ended.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
@@ -222,22 +235,29 @@ pub fn run_on<L: Link, E>(
     ready: &Ready,
     bench: &mut Bench,
     samples: usize,
+    on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+) -> Result<Outcome, LockstepError<E>> {
+    let at_once = |session: &mut Session<L>, bench: &mut Bench, last: &Row, _: &mut Outcome| {
+        sample(session, ready, bench, last).map(|(row, _)| row)
+    };
+    play(session, ready, bench, samples, at_once, on_row)
+}
+
+/// The loop of a run, whenever its samples are due: `next` makes the row after the one it is given, numbered as it.
+pub(crate) fn play<L: Link, E>(
+    session: &mut Session<L>,
+    ready: &Ready,
+    bench: &mut Bench,
+    samples: usize,
+    mut next: impl FnMut(&mut Session<L>, &mut Bench, &Row, &mut Outcome) -> Result<Row, SessionError>,
     mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
     let mut outcome = Outcome::default();
     session.order(&ToBoard::Arm)?;
     session.order(&ToBoard::Run)?;
-    let mut last = Row {
-        index: 0,
-        displacement_m: 0.0,
-        command_v: 0.0,
-        reference_m: 0.0,
-        monitor_v: None,
-        limited_by: Limits::NONE,
-        is_lost: false,
-    };
+    let mut last = Row::BEFORE;
     for index in 0..samples {
-        let (row, _) = sample(session, ready, bench, &Row { index, ..last })?;
+        let row = next(session, bench, &Row { index, ..last }, &mut outcome)?;
         outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
         if row.is_lost {
             outcome.lost.push(index);

@@ -5,14 +5,12 @@
 //! in the loop whatever the link does meanwhile, so that margins can be told before.
 
 use crate::link::Link;
-use crate::lockstep::{LockstepError, Outcome, Ready, Row, end, sample};
+use crate::lockstep::{LockstepError, Outcome, Ready, Row, play, sample};
 use crate::session::Session;
 use crate::statistics::Statistics;
-use control_core::{FaultCode, Limits};
 use plant_sim::experiment::Bench;
 use std::fmt;
 use std::time::Duration;
-use wire::ToBoard;
 
 /// A rate that a link can't keep up with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,53 +63,30 @@ pub fn run<L: Link, E>(
     ready: &Ready,
     bench: &mut Bench,
     samples: usize,
-    mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
+    on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
     let rate_hz = f64::from(ready.parameters.rate_hz);
     let half = Duration::from_secs_f64(latency_s(rate_hz));
-    let mut outcome = Outcome::default();
-    session.order(&ToBoard::Arm)?;
-    session.order(&ToBoard::Run)?;
-    let mut last = Row {
-        index: 0,
-        displacement_m: 0.0,
-        command_v: 0.0,
-        reference_m: 0.0,
-        monitor_v: None,
-        limited_by: Limits::NONE,
-        is_lost: false,
-    };
-    // A sample that begins late moves all that follow: the plant's time stands still meanwhile, and no two samples come closer.
-    let mut begun = session.link().now();
+    // Due times count from the first sample; one that begins late moves all that follow: the plant's time stands still meanwhile, and no
+    // two samples come closer.
+    let mut begun = None;
     let mut due = 0;
-    for index in 0..samples {
-        let at = begun + Duration::from_secs_f64(f64::from(due) / rate_hz);
+    let when_due = |session: &mut Session<L>, bench: &mut Bench, last: &Row, outcome: &mut Outcome| {
         let now = session.link().now();
+        let at = *begun.get_or_insert(now) + Duration::from_secs_f64(f64::from(due) / rate_hz);
         if now < at {
-            session.link().pause(at - now).map_err(|error| LockstepError::Session(error.into()))?;
+            session.link().pause(at - now)?;
         } else if now > at + half {
-            (begun, due) = (now, 0);
+            (begun, due) = (Some(now), 0);
         }
         due += 1;
         let sampled = session.link().now();
-        let (mut row, _) = sample(session, ready, bench, &Row { index, ..last })?;
+        let (mut row, _) = sample(session, ready, bench, last)?;
         if session.link().now().saturating_sub(sampled) > half && !row.is_lost {
             outcome.overruns += 1;
             row.command_v = last.command_v;
         }
-        outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
-        if row.is_lost {
-            outcome.lost.push(index);
-        }
-        if let Err(error) = on_row(session, &row) {
-            // The first failure is the one to tell.
-            let _ = end(session, ready, bench, &row);
-            return Err(LockstepError::Row(error));
-        }
-        bench.apply(row.command_v);
-        last = row;
-    }
-    outcome.fault = FaultCode::from_number(session.status()?.fault);
-    end(session, ready, bench, &last)?;
-    Ok(outcome)
+        Ok(row)
+    };
+    play(session, ready, bench, samples, when_due, on_row)
 }

@@ -110,10 +110,10 @@ impl<L: Link> Session<L> {
         }
     }
 
-    /// The same with another patience than the link's own.
+    /// The same with another patience than the link's own, if there is one.
     #[must_use]
-    pub fn with_patience(self, patience: Duration) -> Session<L> {
-        Session { patience, ..self }
+    pub fn with_patience(self, patience: Option<Duration>) -> Session<L> {
+        Session { patience: patience.unwrap_or(self.patience), ..self }
     }
 
     /// The link.

@@ -5,6 +5,7 @@ use clap::Args;
 use hil_bridge::experiments::Set;
 use hil_bridge::link::Place;
 use std::path::PathBuf;
+use std::time::Duration;
 
 #[derive(Args)]
 #[command(after_help = "Examples:
@@ -124,4 +125,11 @@ pub struct BoardArguments {
     /// How long an answer may take; 100 on a serial port, 5000 on TCP, 50 of its own time on a virtual board
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=600_000))]
     pub patience_ms: Option<u64>,
+}
+
+impl BoardArguments {
+    /// How long an answer may take, if the call says it.
+    pub fn patience(&self) -> Option<Duration> {
+        self.patience_ms.map(Duration::from_millis)
+    }
 }

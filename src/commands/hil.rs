@@ -2,10 +2,10 @@
 
 use crate::arguments::{HilCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{link_facts, open, session};
+use crate::commands::link::{faults, link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
-use hil_bridge::faulty::{Faults, Faulty};
+use hil_bridge::faulty::Faulty;
 use hil_bridge::link::Link;
 use hil_bridge::lockstep::{Outcome, Row, prepare, probe, run_on};
 use hil_bridge::paced;
@@ -59,12 +59,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         )));
     }
     let waveform = Waveform::new(&spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
-    let faults: Option<Faults> = call
-        .link_faults
-        .as_deref()
-        .map(str::parse)
-        .transpose()
-        .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
+    let faults = faults(call.link_faults.as_deref())?;
     let (plant_bytes, controller_bytes) = (output::content(plant)?, output::content(controller)?);
     let mut reference_files = Vec::new();
     for path in spec_files(std::iter::once(&spec)) {

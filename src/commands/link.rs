@@ -4,6 +4,7 @@ use crate::arguments::BoardArguments;
 use crate::commands::board_serve;
 use crate::failure::Failure;
 use bench_page::engine::Open;
+use hil_bridge::faulty::Faults;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
 use hil_bridge::link::{Link, Place};
@@ -12,16 +13,17 @@ use hil_bridge::tcp::Tcp;
 use plant_sim::model::Model;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::time::Duration;
 use virtual_board::Image;
 
 /// A conversation over `link`, as patient as the call says.
 pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
-    let session = Session::new(link);
-    match at.patience_ms {
-        Some(ms) => session.with_patience(Duration::from_millis(ms)),
-        None => session,
-    }
+    Session::new(link).with_patience(at.patience())
+}
+
+/// What `--link-faults` asks for.
+pub fn faults(text: Option<&str>) -> Result<Option<Faults>, Failure> {
+    let faults = text.map(str::parse).transpose();
+    faults.map_err(|error: String| Failure::call(format!("--link-faults: {error}")))
 }
 
 /// The link that the call names; `model` and what follows it are the bench of a virtual board.

@@ -2,12 +2,12 @@
 
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{link_facts, open, session};
+use crate::commands::link::{faults, link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
 use control_core::Settings;
 use hil_bridge::experiments::{Experiment, demagnetising};
-use hil_bridge::faulty::{Faults, Faulty};
+use hil_bridge::faulty::Faulty;
 use hil_bridge::link::{Link, Place};
 use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, prepare_task, run_on};
 use hil_bridge::pins;
@@ -48,12 +48,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
     let plant_file = call.plant.as_deref().map(named).transpose()?;
     let image = call.at.image.as_deref().map(named).transpose()?;
-    let faults: Option<Faults> = call
-        .link_faults
-        .as_deref()
-        .map(str::parse)
-        .transpose()
-        .map_err(|error: String| Failure::call(format!("--link-faults: {error}")))?;
+    let faults = faults(call.link_faults.as_deref())?;
     if call.at.board == Place::InProcess && model.is_none() {
         return Err(Failure::call("--board in-process has no pins: give --plant, which is then the bench"));
     }

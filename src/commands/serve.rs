@@ -11,7 +11,6 @@ use plant_sim::model::Model;
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::Path;
-use std::time::Duration;
 
 /// Runs it, until the process is ended.
 pub fn serve(call: &ServeCall) -> Result<(), Failure> {
@@ -34,7 +33,7 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
     let engine = Engine::start(Setting {
         place: call.at.board.clone(),
         open,
-        patience: call.at.patience_ms.map(Duration::from_millis),
+        patience: call.at.patience(),
         clear_fault: call.clear_fault,
         rate_hz: call.rate,
         seed: call.seed,

@@ -3,6 +3,8 @@
 //! Each test program compiles this anew and uses a part of it.
 #![allow(dead_code, reason = "each test program uses a part of this module")]
 
+mod flash_image;
+
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{Read, Write};
@@ -128,17 +130,7 @@ pub fn column(csv: &str, name: &str) -> Vec<f64> {
 
 /// Where the image lies; `None`, and said so, where there is no compiler for the chip.
 pub fn image() -> Option<String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
-    let output = command.output().expect("cargo xtask firmware starts");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
-    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: "));
-    if folder.is_none() {
-        println!("not run: no compiler for thumbv7em-none-eabihf is here");
-    }
-    Some(format!("{}/nucleo-g474re", folder?))
+    Some(flash_image::folder()?.join("nucleo-g474re").display().to_string())
 }
 
 /// Answers everything that comes in with `answer`, or hangs up.
@@ -173,4 +165,23 @@ pub fn identity(firmware: &str) -> Vec<u8> {
     let mut bytes = [0; wire::MAX_ENCODED_BYTES];
     let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
     bytes[..n].to_vec()
+}
+
+/// The binary on the words of `line`, under a limit of 64 KB for any file it writes: as on a disk that is full, without filling one. It says one
+/// line and ends with code 2, and what it handed over to `run/log.csv` before is whole; returns that log.
+#[cfg(target_os = "linux")]
+pub fn run_on_a_full_disk(folder: &Folder, line: &str) -> String {
+    let words: Vec<String> = line.split_whitespace().map(|word| folder.fill_in(word)).collect();
+    let script = format!("trap '' XFSZ; ulimit -f 128; exec \"$0\" {}", words.join(" "));
+    let output = Command::new("bash")
+        .current_dir(root())
+        .args(["-c", &script, env!("CARGO_BIN_EXE_hysteron")])
+        .output()
+        .expect("bash");
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("log.csv: cannot be written") && said.lines().count() == 1, "{said}");
+    let log = folder.read("run/log.csv");
+    assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
+    log
 }

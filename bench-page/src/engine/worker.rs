@@ -11,7 +11,7 @@ use super::model::{Twin, judge, start};
 use super::{Order, Pass, Setting, Shared, StartError};
 use crate::history::{CHANNELS, Column};
 use crate::recorder::Recorder;
-use control_core::{FaultCode, Generator, GeneratorState, Limits, ModeName, Segment};
+use control_core::{FaultCode, Generator, GeneratorState, ModeName, Segment};
 use hil_bridge::link::Link;
 use hil_bridge::lockstep::{LockstepError, Ready, Row, prepare, sample};
 use hil_bridge::run_directory::RunError;
@@ -419,24 +419,11 @@ impl<'a> Worker<'a> {
 /// Opens the link and prepares the board; the bench at its start.
 fn connect(setting: &Setting, clear_fault: bool) -> Result<Line, BoardError> {
     let link = (setting.open)().map_err(SessionError::from)?;
-    let session = Session::new(link);
-    let mut session = match setting.patience {
-        Some(patience) => session.with_patience(patience),
-        None => session,
-    };
+    let mut session = Session::new(link).with_patience(setting.patience);
     let ready = prepare::<_, RunError>(&mut session, &setting.controller.1, &Waveform::default(), clear_fault)?;
     let bench = bench(setting, ready.latency_s, setting.seed);
     let account = session.status()?;
-    let last = Row {
-        index: 0,
-        displacement_m: 0.0,
-        command_v: 0.0,
-        reference_m: 0.0,
-        monitor_v: None,
-        limited_by: Limits::NONE,
-        is_lost: false,
-    };
-    Ok(Line { session, ready, bench, last, mode: account.mode, account })
+    Ok(Line { session, ready, bench, last: Row::BEFORE, mode: account.mode, account })
 }
 
 fn bench(setting: &Setting, latency_s: f64, seed: u64) -> Bench {

@@ -1,6 +1,9 @@
 //! What the bridge's tests share: a plant, an experiment, boards behind real ports, the flash image.
 #![allow(dead_code, clippy::unwrap_used, reason = "each test program uses a part of it; a test may unwrap")]
 
+#[path = "../../../tests/support/flash_image.rs"]
+mod flash_image;
+
 use control_core::Settings;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::link::Link;
@@ -14,7 +17,6 @@ use plant_sim::replay::Start;
 use plant_sim::spec::Spec;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use virtual_board::serve::Line;
@@ -97,17 +99,7 @@ pub fn served<T: Send>(line: &mut dyn Line, host: impl FnOnce() -> T + Send) -> 
 
 /// The image, built by `cargo xtask firmware`; `None`, and said so, where there is no compiler for the chip.
 pub fn image() -> Option<Image> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
-    let output = command.output().expect("cargo xtask firmware starts");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
-    let folder = text.lines().last().and_then(|line| line.strip_prefix("firmware: ")).map(PathBuf::from);
-    if folder.is_none() {
-        println!("not run: no compiler for thumbv7em-none-eabihf is here");
-    }
-    Some(Image::read(&folder?.join("nucleo-g474re")).unwrap())
+    Some(Image::read(&flash_image::folder()?.join("nucleo-g474re")).unwrap())
 }
 
 /// What the virtual board's own pins see.

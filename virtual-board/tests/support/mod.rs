@@ -1,12 +1,13 @@
 //! What the tests of the image share: the image itself, built here, and a bench around it.
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+#[path = "../../../tests/support/flash_image.rs"]
+mod flash_image;
+
 use control_core::{Calibration, CalibrationSettings};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::OnceLock;
 use virtual_board::{BenchSettings, Image, VirtualBoard};
 
 pub const PERIOD: u64 = 8500;
@@ -17,23 +18,7 @@ fn root() -> PathBuf {
 
 /// The image, built by `cargo xtask firmware`; `None`, and said so, where there is no compiler for the chip.
 pub fn image(board: &str) -> Option<Image> {
-    static FOLDER: OnceLock<Option<PathBuf>> = OnceLock::new();
-    let folder = FOLDER.get_or_init(|| {
-        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        let mut command = Command::new(cargo);
-        command.args(["run", "--quiet", "--package", "xtask", "--", "firmware"]).current_dir(root());
-        let output = command.output().expect("cargo xtask firmware starts");
-        let text = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "cargo xtask firmware: {}", String::from_utf8_lossy(&output.stderr));
-        text.lines().last().and_then(|line| line.strip_prefix("firmware: ")).map(PathBuf::from)
-    });
-    match folder {
-        Some(folder) => Some(Image::read(&folder.join(board)).expect("the image that was just built")),
-        None => {
-            println!("not run: no compiler for thumbv7em-none-eabihf is here");
-            None
-        }
-    }
+    Some(Image::read(&flash_image::folder()?.join(board)).expect("the image that was just built"))
 }
 
 pub fn calibration() -> Calibration {
