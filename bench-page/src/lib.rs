@@ -21,7 +21,8 @@
 //! use bench_page::history::{CHANNELS, Column, History};
 //! use bench_page::watch::Watch;
 //!
-//! let (mut history, mut watch) = (History::default(), Watch::default());
+//! let mut history = History::default();
+//! let mut watch = Watch::new(&history);
 //! watch.set_length(32, &history);
 //! (0..1000).for_each(|k| history.push(&Column::of([k as f32; CHANNELS], 0)));
 //! // 31 whole columns of 32 samples: least and greatest of each channel, and what limited it.

@@ -262,7 +262,7 @@ async fn page(mut socket: WebSocket, served: Arc<Served>) {
     let mut page = Page {
         id,
         served: served.clone(),
-        watch: Watch::default(),
+        watch: Watch::new(&served.engine.shared.history()),
         span: 0,
         wants_spectrum: false,
         seen: 0,

@@ -70,16 +70,20 @@ pub struct Watch {
     pub lost_samples: u64,
 }
 
-impl Default for Watch {
-    fn default() -> Watch {
-        Watch { length: 16, next: 0, last_tick: None, trigger: None, lost_frames: 0, lost_samples: 0 }
-    }
-}
-
 impl Watch {
-    /// Columns of `length` samples from now on, rounded up to a power of two.
+    /// From now on, in columns of 16 samples.
+    pub fn new(history: &History) -> Watch {
+        let next = history.end() / 16 * 16;
+        Watch { length: 16, next, last_tick: None, trigger: None, lost_frames: 0, lost_samples: 0 }
+    }
+
+    /// Columns of `length` samples from now on, rounded up to a power of two; the stream goes on without a gap where they have that length.
     pub fn set_length(&mut self, length: u64, history: &History) {
-        self.length = length.clamp(1, 1 << 20).next_power_of_two();
+        let length = length.clamp(1, 1 << 20).next_power_of_two();
+        if length == self.length {
+            return;
+        }
+        self.length = length;
         self.next = history.end() / self.length * self.length;
     }
 
@@ -247,9 +251,21 @@ mod tests {
     }
 
     #[test]
+    fn the_length_that_it_has_leaves_no_gap() {
+        let mut history = History::default();
+        let mut watch = Watch::new(&history);
+        fill(&mut history, 912);
+        watch.live(&history).unwrap();
+        fill(&mut history, 32);
+        watch.set_length(16, &history);
+        let (_, columns, first, ..) = header(&watch.live(&history).unwrap());
+        assert_eq!((columns, first), (2, 912.0));
+    }
+
+    #[test]
     fn frames_follow_one_another_without_gap_or_overlap() {
         let mut history = History::default();
-        let mut watch = Watch::default();
+        let mut watch = Watch::new(&history);
         watch.set_length(30, &history);
         let mut next = 0.0;
         for n in [1, 31, 32, 700, 5, 1000] {
@@ -266,7 +282,7 @@ mod tests {
     #[test]
     fn a_page_that_was_away_gets_one_bounded_frame_and_is_told_what_it_lost() {
         let mut history = History::default();
-        let mut watch = Watch::default();
+        let mut watch = Watch::new(&history);
         watch.set_length(1, &history);
         fill(&mut history, 100_000);
         let (_, count, first, ..) = header(&watch.live(&history).unwrap());
@@ -275,7 +291,7 @@ mod tests {
 
     #[test]
     fn frames_that_were_due_and_not_sent_are_counted() {
-        let mut watch = Watch::default();
+        let mut watch = Watch::new(&History::default());
         let at = |frames: f64| Duration::from_secs_f64(frames / f64::from(FRAMES));
         for tick in [0.0, 1.0, 2.1, 2.9, 4.2] {
             watch.tick(at(tick));
@@ -288,7 +304,7 @@ mod tests {
     #[test]
     fn a_capture_has_its_past_and_waits_for_its_future() {
         let mut history = History::default();
-        let mut watch = Watch::default();
+        let mut watch = Watch::new(&history);
         fill(&mut history, 1000);
         let trigger = Trigger { channel: 1, level: 1499.5, rising: true, before: 200, after: 300, repeat: false };
         watch.set_trigger(Some(trigger), &history).unwrap();
@@ -339,7 +355,7 @@ mod tests {
             let [first, length, span] = numbers;
             prop_assert!(header(&past(&history, 1, first, length, count)).1 <= MOST_COLUMNS);
             prop_assert!(header(&points(&history, span)).1 as u64 <= POINTS);
-            let mut watch = Watch::default();
+            let mut watch = Watch::new(&history);
             watch.set_length(length, &history);
             let trigger = Trigger { channel, level, rising: true, before: first, after: span, repeat: true };
             let is_taken = watch.set_trigger(Some(trigger), &history).is_ok();
