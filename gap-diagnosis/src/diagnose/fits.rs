@@ -24,6 +24,8 @@ const WELL: f64 = 0.01;
 pub(super) const PAIR_BEYOND: f64 = 0.06;
 /// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
 const AS_GOOD: f64 = 1.5;
+/// .. but not beside a fit that leaves this much: the stronger of two effects takes half of the power, which leaves 0.71 of the gap.
+const HARDLY_HALF: f64 = 0.75;
 /// .. must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
@@ -62,7 +64,7 @@ impl Fits<'_> {
     /// A second effect beside each of the two best.
     fn pairs(&self, singles: &[Candidate]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
-        let is_as_good = |fit: &&Candidate| self.left(fit) < AS_GOOD * self.left(&singles[0]);
+        let is_as_good = |fit: &&Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
         for (number, first) in singles.iter().take(2).take_while(is_as_good).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
             let remainders = self.search.play(first);
