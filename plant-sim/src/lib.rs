@@ -14,6 +14,7 @@ pub mod log;
 pub mod margins;
 pub mod metrics;
 pub mod model;
+pub mod operators;
 pub mod param;
 pub mod phs;
 pub mod reduce;

@@ -3,10 +3,12 @@
 //! Micrometres and microseconds appear in the keys here and nowhere else; [`Model::chain`] turns them into SI.
 
 mod effect_section;
+mod hysteresis;
 mod kinds;
 
 pub use effect_section::EffectSection;
-pub use kinds::{HysteresisSection, Kind, Numbers, StateSpaceSection, TransferFunctionSection};
+pub use hysteresis::HysteresisSection;
+pub use kinds::{Kind, Numbers, StateSpaceSection, TransferFunctionSection};
 
 use crate::chain::{Chain, Drive, MAX_HYSTERONS, Sensor};
 use crate::effects::{Effect, Form};
@@ -38,7 +40,7 @@ pub struct Model {
     /// Mass, spring, damper.
     #[serde(default, skip_serializing_if = "StructureSection::is_absent")]
     pub structure: StructureSection,
-    /// Of the Bouc-Wen kinds.
+    /// Of the kinds with a law of hysteresis.
     #[serde(default, skip_serializing_if = "HysteresisSection::is_empty")]
     pub hysteresis: HysteresisSection,
     /// Of the kind `state-space`.

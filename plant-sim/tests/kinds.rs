@@ -70,11 +70,12 @@ fn law_rate(law: &BoucWen, h: f64, dx: f64) -> f64 {
 #[test]
 fn the_bouc_wen_actuator_is_its_equation() {
     let chain = model("thesis-bouc-wen.toml").chain();
-    let (plant, part) = (&chain.plant, chain.parts.transducer.expect("a Bouc-Wen actuator"));
+    let (plant, mut part) = (&chain.plant, chain.parts.transducer.clone().expect("a Bouc-Wen actuator"));
+    let law = *part.law.bouc_wen().expect("a Bouc-Wen law");
     let rates = |[q, w, h]: [f64; 3], v: f64, dv: f64| {
         let force = plant.transduction_c_per_m * v - part.force_n * h;
         let rate = (force - plant.stiffness_n_per_m * q - plant.damping_n_s_per_m * w) / plant.mass_kg;
-        [w, rate, law_rate(&part.law, h, dv)]
+        [w, rate, law_rate(&law, h, dv)]
     };
     let log = log(Hold::Foh, RATE_HZ, 2000, sweep);
     let ours = predict(&chain, &log, &Start::relaxed(&chain), log.len());
@@ -84,15 +85,81 @@ fn the_bouc_wen_actuator_is_its_equation() {
     assert!(error < 1e-9 && error > 1e-13, "{error:e}");
 }
 
+/// A model of `kind` with the thesis' structure and the keys of its own.
+fn operator_model(kind: &str, keys: &str) -> String {
+    let text = std::fs::read_to_string(models().join("thesis-bouc-wen.toml")).expect("a model of the project");
+    let (head, tail) = text.split_once("[hysteresis]").expect("the section");
+    let rig = tail.split_once("# What an experiment").expect("the rig").1;
+    let head = head.replace("kind = \"bouc-wen\"", &format!("kind = \"{kind}\""));
+    let number = |value: f64| format!("{{ value = {value}, source = \"test\" }}");
+    let line = |line: &str| {
+        let (key, values) = line.split_once(" = ").expect("key = numbers");
+        let numbers: Vec<String> = values.split_whitespace().map(|v| number(v.parse().expect("a number"))).collect();
+        let is_list = ["threshold_V", "weight_per_V", "level_V", "weight"].contains(&key.trim());
+        if is_list { format!("{key} = [{}]\n", numbers.join(", ")) } else { format!("{key} = {}\n", numbers[0]) }
+    };
+    format!("{head}[hysteresis]\n{}# What an experiment{rig}", keys.split(';').map(line).collect::<String>())
+}
+
+fn operator_models() -> Vec<(&'static str, String)> {
+    [
+        ("dahl", "force_N = 0.4;rate_per_V = 0.03;exponent = 1.3"),
+        ("duhem", "force_N = 1.5;rate_per_V = 0.05;slope_per_V = 0.02;inner_slope_per_V = 0.012"),
+        ("maxwell-slip", "force_N = 1;threshold_V = 4 15 40;weight_per_V = 0.01 0.006 0.003"),
+        ("prandtl-ishlinskii", "force_N = 1;threshold_V = 4 15 40;weight_per_V = 0.01 0.006 0.003"),
+        ("preisach", "force_N = 2;level_V = -65 -20 10 65;weight = 0.1 0.12 0.05 0.02 0.06 0.11"),
+        (
+            "krasnoselskii-pokrovskii",
+            "force_N = 2;ramp_V = 25;level_V = -65 -10 40;weight = 0.1 0.12 0.05 0.02 0.06 0.11",
+        ),
+    ]
+    .into_iter()
+    .map(|(kind, keys)| (kind, operator_model(kind, keys)))
+    .collect()
+}
+
+/// Every operator under a line between samples is the same as under a staircase so fine that it is one.
+#[test]
+fn actuators_with_an_operator_are_their_equation() {
+    for (kind, text) in operator_models() {
+        let chain = Model::parse(&text, Path::new("made.toml")).expect(kind).chain();
+        let lines = log(Hold::Foh, RATE_HZ, 300, sweep);
+        let ours = predict(&chain, &lines, &Start::relaxed(&chain), lines.len());
+        let error = |fine: usize| {
+            // Held at the middle of each stair: of second order in its length, but of first where the voltage turns, whose tip no stair has.
+            let stairs = log(Hold::Zoh, RATE_HZ * fine as f64, 299 * fine + 1, |t| {
+                let rows = (t + 0.5 / (RATE_HZ * fine as f64)) * RATE_HZ;
+                let (row, share) = (rows.floor(), rows.fract());
+                let v = |row: f64| sweep(row / RATE_HZ);
+                v(row) + share * (v(row + 1.0) - v(row))
+            });
+            let fine_m = predict(&chain, &stairs, &Start::relaxed(&chain), stairs.len());
+            let thinned: Vec<f64> = fine_m.iter().step_by(fine).copied().collect();
+            worst(&thinned, &ours)
+        };
+        let (coarse, fine) = (error(64), error(1024));
+        assert!(fine < 1.5e-7 && fine < coarse / 12.0 && fine > 1e-12, "{kind}: {coarse:e} {fine:e}");
+        // Held, nothing is integrated: whatever the pace, it is where the steps take it.
+        let slow = log(Hold::Zoh, 50.0, 120, |t| 60.0 * (2.0 * std::f64::consts::PI * 0.7 * t).sin());
+        let ours = predict(&chain, &slow, &Start::relaxed(&chain), slow.len());
+        let mut still = chain.clone();
+        still.plant.mass_kg *= 1e-3;
+        let lighter = predict(&still, &slow, &Start::relaxed(&chain), slow.len());
+        assert!(worst(&ours, &lighter) < 1e-6, "{kind}: {:e}", worst(&ours, &lighter));
+        let regions = chain.linear_regions().expect(kind);
+        assert_eq!(regions.len(), 2, "{kind}");
+    }
+}
+
 #[test]
 fn static_mechanics_are_exact() {
     let chain = model("thesis-bouc-wen-static.toml").chain();
-    let part = chain.parts.transducer.expect("a Bouc-Wen law");
+    let law = *chain.parts.transducer.clone().expect("a transducer").law.bouc_wen().expect("a Bouc-Wen law");
     let log = log(Hold::Zoh, RATE_HZ, 500, sweep);
     let ours = predict(&chain, &log, &Start::relaxed(&chain), log.len());
     let (mut h, mut at, mut worst) = (0.0, 0.0, 0.0f64);
     for k in 0..log.len() - 1 {
-        h = part.law.after(h, log.command_v[k] - at);
+        h = law.after(h, log.command_v[k] - at);
         at = log.command_v[k];
         let y = 0.048676 / 24579.0 * at - 1.9767 / 24579.0 * h;
         worst = worst.max((ours[k + 1] - y).abs());
@@ -163,6 +230,42 @@ fn feedthrough_is_read_with_the_state() {
 }
 
 #[test]
+fn every_operator_survives_its_file_and_says_what_is_wrong() {
+    for (kind, text) in operator_models() {
+        let parse = |text: &str| Model::parse(text, Path::new("made.toml"));
+        let model = parse(&text).expect(kind);
+        assert_eq!(model.kind.name(), kind);
+        assert_eq!(model.warnings(), Vec::<String>::new(), "{kind}");
+        let again = parse(&toml::to_string(&model).expect("text")).expect(kind);
+        assert_eq!(again, model);
+        let error = |from: &str, to: &str| {
+            assert!(text.contains(from), "{kind}: {from}");
+            parse(&text.replace(from, to)).map(|_| ()).expect_err(kind).to_string()
+        };
+        let missing = error("force_N", "depth_um");
+        assert!(missing.contains(&format!("in a model of kind {kind} hysteresis.force_N is missing")), "{missing}");
+        let (from, to, wanted) = match kind {
+            "dahl" => ("value = 0.03,", "value = -1.0,", "both must be positive"),
+            "duhem" => ("rate_per_V = ", "exponent = ", "hysteresis.rate_per_V is missing: add it"),
+            "maxwell-slip" => (
+                "{ value = 40, source = \"test\" }]",
+                "]",
+                "weight_per_V has 3 numbers, and hysteresis.threshold_V calls for 2",
+            ),
+            "prandtl-ishlinskii" => ("value = 15,", "value = -15.0,", "no play is negative"),
+            "preisach" => ("value = 10,", "value = -30,", "level_V must rise"),
+            _ => (
+                "{ value = 0.11, source = \"test\" }]",
+                "]",
+                "weight has 5 numbers, and hysteresis.level_V calls for 6",
+            ),
+        };
+        let line = error(from, to);
+        assert!(line.contains(wanted) && line.starts_with("made.toml: "), "{line}");
+    }
+}
+
+#[test]
 fn every_kind_survives_its_file_and_says_what_is_wrong() {
     let dir = std::env::temp_dir().join(format!("hysteron-kinds-{}", std::process::id()));
     std::fs::create_dir_all(&dir).expect("a place to write");
@@ -198,6 +301,6 @@ fn every_kind_survives_its_file_and_says_what_is_wrong() {
         let message = Model::read(&path).expect_err(expected).to_string();
         assert!(message.contains(expected) && !message.contains('\n'), "{message}");
     }
-    assert_eq!(Kind::ALL.map(|(name, kind)| kind.name() == name), [true; 6]);
+    assert_eq!(Kind::ALL.map(|(name, kind)| kind.name() == name), [true; 12]);
     std::fs::remove_dir_all(&dir).expect("removed");
 }

@@ -5,6 +5,7 @@
 
 use plant_sim::chain::{Chain, Force, Parts};
 use plant_sim::model::{Kind, Model};
+use plant_sim::operators::Law;
 use plant_sim::param::Param;
 use plant_sim::replay::{Initial, Start};
 
@@ -49,11 +50,11 @@ pub enum Quantity {
     Offset,
     /// M, where the drive is a known force.
     Mass,
-    /// A number of a Bouc-Wen law.
-    BoucWen(LawNumber),
+    /// A number of a law of hysteresis.
+    Law(LawNumber),
 }
 
-/// A number of a Bouc-Wen law or of what it drives.
+/// A number of a law of hysteresis or of what it drives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LawNumber {
     /// A of an oscillator, N/m; with a transducer only its product with the force shows, and it stays.
@@ -62,25 +63,40 @@ pub enum LawNumber {
     Beta,
     /// gamma, of either sign.
     Gamma,
-    /// Kh of (2.2), N.
+    /// Kh of (2.2), N; with an operator of free scale only its product with the weights shows, and it stays.
     Force,
     /// Displacement of h = 1 in (2.3).
     Depth,
     /// dp of (2.3).
     StaticGain,
+    /// rho of Dahl's and Duhem's laws.
+    Rate,
+    /// b of Duhem's law.
+    Slope,
+    /// g of Duhem's law.
+    InnerSlope,
+    /// w of play, cell or kernel i.
+    Weight(usize),
 }
 
 impl Quantity {
     /// The quantities of a model, mass left out unless the drive is a known force: from displacement alone only ratios to the mass can be
     /// identified.
     pub fn of(model: &Model) -> Vec<Quantity> {
-        use LawNumber::{Amplitude, Beta, Depth, Force, Gamma, StaticGain};
-        let law = |numbers: &[LawNumber]| numbers.iter().map(|n| Quantity::BoucWen(*n)).collect::<Vec<_>>();
+        use LawNumber::{Amplitude, Beta, Depth, Force, Gamma, InnerSlope, Rate, Slope, StaticGain, Weight};
+        let law = |numbers: &[LawNumber]| numbers.iter().map(|n| Quantity::Law(*n)).collect::<Vec<_>>();
+        let structure = [Quantity::Stiffness, Quantity::Damping, Quantity::Transduction].into_iter();
+        let weights = |count: usize| law(&(0..count).map(Weight).collect::<Vec<_>>());
         match model.kind {
             Kind::Phs => {}
-            Kind::BoucWen => {
-                let structure = [Quantity::Stiffness, Quantity::Damping, Quantity::Transduction];
-                return structure.into_iter().chain(law(&[Force, Beta, Gamma])).collect();
+            Kind::BoucWen => return structure.chain(law(&[Force, Beta, Gamma])).collect(),
+            Kind::Dahl => return structure.chain(law(&[Force, Rate])).collect(),
+            Kind::Duhem => return structure.chain(law(&[Rate, Slope, InnerSlope])).collect(),
+            Kind::MaxwellSlip | Kind::PrandtlIshlinskii => {
+                return structure.chain(weights(model.hysteresis.weight_per_v.len())).collect();
+            }
+            Kind::Preisach | Kind::KrasnoselskiiPokrovskii => {
+                return structure.chain(weights(model.hysteresis.weight.len())).collect();
             }
             Kind::BoucWenStatic => return law(&[StaticGain, Depth, Beta, Gamma]),
             Kind::BoucWenOscillator => {
@@ -90,7 +106,7 @@ impl Quantity {
             // Their coefficients are estimated by `tfest`.
             Kind::StateSpace | Kind::TransferFunction => return Vec::new(),
         }
-        let mut all = vec![Quantity::Stiffness, Quantity::Damping, Quantity::Transduction];
+        let mut all: Vec<Quantity> = structure.collect();
         for i in 0..model.actuator.hysterons.len() {
             all.extend([Quantity::Capacitance(i), Quantity::Slope(i), Quantity::DeadZone(i)]);
         }
@@ -109,7 +125,7 @@ impl Quantity {
             Quantity::Delay => "delay_us".into(),
             Quantity::Offset => "offset_um".into(),
             Quantity::Mass => "mass_kg".into(),
-            Quantity::BoucWen(number) => number.words().0.into(),
+            Quantity::Law(number) => number.words().0,
         }
     }
 
@@ -125,7 +141,7 @@ impl Quantity {
             Quantity::Delay => ("delay".into(), "us"),
             Quantity::Offset => ("sensor offset".into(), "um"),
             Quantity::Mass => ("mass".into(), "kg"),
-            Quantity::BoucWen(number) => (number.words().1.into(), number.words().2),
+            Quantity::Law(number) => (number.words().1, number.words().2),
         }
     }
 
@@ -133,7 +149,7 @@ impl Quantity {
     pub fn per_si(self) -> f64 {
         match self {
             Quantity::Delay | Quantity::Offset => 1e6,
-            Quantity::BoucWen(LawNumber::Depth | LawNumber::StaticGain) => 1e6,
+            Quantity::Law(LawNumber::Depth | LawNumber::StaticGain) => 1e6,
             _ => 1.0,
         }
     }
@@ -151,8 +167,8 @@ impl Quantity {
             Quantity::Delay => &mut chain.drive.delay_s,
             Quantity::Offset => &mut chain.sensor.offset_m,
             Quantity::Mass => &mut plant.mass_kg,
-            Quantity::BoucWen(LawNumber::StaticGain) => &mut plant.transduction_c_per_m,
-            Quantity::BoucWen(number) => number.of(&mut chain.parts),
+            Quantity::Law(LawNumber::StaticGain) => &mut plant.transduction_c_per_m,
+            Quantity::Law(number) => number.of(&mut chain.parts),
         }
     }
 
@@ -168,7 +184,7 @@ impl Quantity {
             Quantity::Delay => model.drive.delay_us.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
             Quantity::Offset => model.sensor.offset_um.get_or_insert_with(|| Param::absolute(0.0, 0.0, "")),
             Quantity::Mass => &mut model.structure.mass_kg,
-            Quantity::BoucWen(number) => {
+            Quantity::Law(number) => {
                 let hysteresis = &mut model.hysteresis;
                 let record = match (number, model.kind) {
                     (LawNumber::Amplitude, Kind::BoucWenOscillator) => &mut hysteresis.amplitude_n_per_m,
@@ -180,6 +196,13 @@ impl Quantity {
                     (LawNumber::Force, _) => &mut hysteresis.force_n,
                     (LawNumber::Depth, _) => &mut hysteresis.depth_um,
                     (LawNumber::StaticGain, _) => &mut hysteresis.gain_um_per_v,
+                    (LawNumber::Rate, _) => &mut hysteresis.rate_per_v,
+                    (LawNumber::Slope, _) => &mut hysteresis.slope_per_v,
+                    (LawNumber::InnerSlope, _) => &mut hysteresis.inner_slope_per_v,
+                    (LawNumber::Weight(i), Kind::MaxwellSlip | Kind::PrandtlIshlinskii) => {
+                        return &mut hysteresis.weight_per_v[i];
+                    }
+                    (LawNumber::Weight(i), _) => return &mut hysteresis.weight[i],
                 };
                 record.get_or_insert_with(|| Param::absolute(0.0, 0.0, ""))
             }
@@ -189,26 +212,44 @@ impl Quantity {
 
 impl LawNumber {
     /// Name in files, name in words, unit.
-    fn words(self) -> (&'static str, &'static str, &'static str) {
-        match self {
+    fn words(self) -> (String, String, &'static str) {
+        let (name, words, unit) = match self {
             LawNumber::Amplitude => ("hysteresis_amplitude", "hysteresis slope A", ""),
             LawNumber::Beta => ("hysteresis_beta", "hysteresis beta", ""),
             LawNumber::Gamma => ("hysteresis_gamma", "hysteresis gamma", ""),
             LawNumber::Force => ("hysteresis_force_N", "hysteresis force Kh", "N"),
             LawNumber::Depth => ("hysteresis_depth_um", "hysteresis depth", "um"),
             LawNumber::StaticGain => ("gain_um_per_V", "static gain dp", "um/V"),
-        }
+            LawNumber::Rate => ("hysteresis_rate_per_V", "hysteresis rate", "1/V"),
+            LawNumber::Slope => ("hysteresis_slope_per_V", "hysteresis slope b", "1/V"),
+            LawNumber::InnerSlope => ("hysteresis_inner_slope_per_V", "hysteresis slope g", "1/V"),
+            LawNumber::Weight(i) => {
+                return (format!("hysteresis_weight{}", i + 1), format!("hysteresis weight {}", i + 1), "");
+            }
+        };
+        (name.into(), words.into(), unit)
     }
 
     /// The number in the part that carries the law. A chain of another kind has none, which is a mistake of the caller's.
     fn of(self, parts: &mut Parts) -> &mut f64 {
         if let Some(transducer) = &mut parts.transducer {
-            return match self {
-                LawNumber::Amplitude => &mut transducer.law.amplitude,
-                LawNumber::Beta => &mut transducer.law.beta,
-                LawNumber::Gamma => &mut transducer.law.gamma,
-                _ => &mut transducer.force_n,
+            if self == LawNumber::Force || self == LawNumber::Depth {
+                return &mut transducer.force_n;
+            }
+            let number = match (self, &mut transducer.law) {
+                (LawNumber::Amplitude, Law::BoucWen(law)) => Some(&mut law.amplitude),
+                (LawNumber::Beta, Law::BoucWen(law)) => Some(&mut law.beta),
+                (LawNumber::Gamma, Law::BoucWen(law)) => Some(&mut law.gamma),
+                (LawNumber::Rate, Law::Dahl(law)) => Some(&mut law.rate_per_v),
+                (LawNumber::Rate, Law::Duhem(law)) => Some(&mut law.rate_per_v),
+                (LawNumber::Slope, Law::Duhem(law)) => Some(&mut law.slope_per_v),
+                (LawNumber::InnerSlope, Law::Duhem(law)) => Some(&mut law.inner_slope_per_v),
+                (LawNumber::Weight(i), Law::Plays(law)) => law.plays.get_mut(i).map(|play| &mut play.weight_per_v),
+                (LawNumber::Weight(i), Law::Preisach(law)) => law.weight.get_mut(i),
+                (LawNumber::Weight(i), Law::KrasnoselskiiPokrovskii(law)) => law.weight.get_mut(i),
+                _ => None,
             };
+            return number.expect("a quantity of the operator that the chain has");
         }
         let law = parts.forces.iter_mut().find_map(|f| if let Force::BoucWen(law) = f { Some(law) } else { None });
         let law = law.expect("a quantity of a chain that has the law");

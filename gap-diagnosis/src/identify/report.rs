@@ -23,7 +23,7 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     let names: Vec<&str> = session.logs.iter().map(|l| l.name.as_str()).collect();
     let source = format!("identified from {}", names.join(", "));
     let mut parameters = Vec::new();
-    if matches!(model.kind, Kind::Phs | Kind::BoucWen) {
+    if model.kind.has_structure() && model.kind != Kind::BoucWenOscillator {
         parameters.push(Fitted {
             name: "mass_kg".into(),
             words: ("mass".into(), "kg"),

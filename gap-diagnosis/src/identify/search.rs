@@ -113,9 +113,9 @@ impl<'a> Session<'a> {
         };
         let free_of = |quantity: Quantity| {
             let prior = *quantity.number(&mut chain);
-            if quantity == Quantity::BoucWen(LawNumber::Gamma) {
+            if quantity == Quantity::Law(LawNumber::Gamma) {
                 // Of either sign, and of beta's size.
-                let unit = prior.abs().max(*Quantity::BoucWen(LawNumber::Beta).number(&mut chain));
+                let unit = prior.abs().max(*Quantity::Law(LawNumber::Beta).number(&mut chain));
                 return Free { quantity, prior, scale: Scale::Shift { unit }, prior_sigma };
             }
             Free { quantity, prior, scale: Scale::Log { bound }, prior_sigma }

@@ -90,8 +90,8 @@ fn parameters(thesis: &Thesis) -> Vec<Entry> {
     let plant = thesis.phs.chain().plant;
     let (first, second) = (&plant.hysterons[0], &plant.hysterons[1]);
     let bouc_wen = thesis.bouc_wen.chain();
-    let law = thesis.bouc_wen.hysteresis.law(thesis.bouc_wen.kind);
-    let force_n = bouc_wen.parts.transducer.map_or(f64::NAN, |part| part.force_n);
+    let law = thesis.bouc_wen.hysteresis.bouc_wen(thesis.bouc_wen.kind);
+    let force_n = bouc_wen.parts.transducer.as_ref().map_or(f64::NAN, |part| part.force_n);
     let of = |table: &str, what: &str, printed: &str, ours: f64, unit: &'static str| {
         Entry::digits(table, &format!("{what}, in the model file"), printed, ours, unit)
     };

@@ -59,7 +59,7 @@ pub struct Chain {
 impl Chain {
     /// Where the structure rests under a drive of `drive_v` at the actuator while hysterons hold their voltages, in metres.
     pub fn equilibrium_m(&self, drive_v: f64, hysteron_v: &[f64]) -> f64 {
-        let missing_n = self.parts.transducer.map_or(0.0, |part| part.rest_n(drive_v));
+        let missing_n = self.parts.transducer.as_ref().map_or(0.0, |part| part.rest_n(drive_v));
         self.plant.equilibrium_m(drive_v, missing_n, hysteron_v)
     }
 }
@@ -196,7 +196,7 @@ impl Simulator {
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),
             lag,
-            transducer: parts.transducer.map(Transducer::new),
+            transducer: parts.transducer.clone().map(Transducer::new),
             is_massless: parts.is_massless,
             linear: linear.map(|space| {
                 let rate = (space.a.row(0).iter().copied().collect(), space.b[0]);

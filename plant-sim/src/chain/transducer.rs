@@ -1,18 +1,18 @@
-//! Hysteresis of the transducer: a Bouc-Wen law driven by the voltage, whose force the drive's misses (equations (2.2), (2.3)).
+//! Hysteresis of the transducer: an operator driven by the voltage, whose force the drive's misses (equations (2.2), (2.3)).
 //!
 //! Under a held voltage its force is constant, so a step is exact. Along a line or a parabola it is put as the parabola with the same
-//! three moments, integrated in pieces on which the voltage goes one way and the law hardly bends.
+//! three moments, integrated in pieces on which the voltage goes one way and the operator is smooth.
 
 use super::lag::Moments;
 use super::path::{Path, Piece};
-use crate::bouc_wen::BoucWen;
 use crate::exact::Push;
+use crate::operators::Law;
 
 /// h follows the voltage; `force_n` h is what the drive's force misses.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct DriveHysteresis {
-    /// The law from volts to h, a pure number.
-    pub law: BoucWen,
+    /// The operator from volts to h, a pure number.
+    pub law: Law,
     /// Kh in newton.
     pub force_n: f64,
 }
@@ -20,38 +20,39 @@ pub struct DriveHysteresis {
 impl DriveHysteresis {
     /// The force under `drive_v` that was approached from the relaxed state one way.
     pub fn rest_n(&self, drive_v: f64) -> f64 {
-        self.force_n * self.law.after(0.0, drive_v)
+        self.force_n * self.law.rest(drive_v)
     }
 }
 
-/// Lengths of the law that one piece covers at most: four nodes are then right to 1e-12.
-const LENGTHS: f64 = 0.5;
 /// Most pieces one way.
-const PIECES: f64 = 64.0;
+const PIECES: usize = 64;
 
 /// The same in motion.
 pub(super) struct Transducer {
     part: DriveHysteresis,
-    h: f64,
+    memory: Vec<f64>,
     at_v: f64,
+    h: f64,
 }
 
 impl Transducer {
     pub(super) fn new(part: DriveHysteresis) -> Self {
-        Self { part, h: 0.0, at_v: 0.0 }
+        let memory = part.law.operator().relaxed();
+        Self { part, memory, at_v: 0.0, h: 0.0 }
     }
 
     /// `drive_v` has been held ever before, approached one way.
     pub(super) fn rest_on(&mut self, drive_v: f64) {
-        self.h = self.part.law.after(0.0, drive_v);
-        self.at_v = drive_v;
+        self.memory = self.part.law.operator().relaxed();
+        (self.at_v, self.h) = (0.0, 0.0);
+        self.move_to(drive_v);
     }
 
     /// The missing force over `duration_s` of the voltage `start_v + slope t + curve t^2 / 2`, which may begin with a jump.
     pub(super) fn missing(&mut self, [start_v, slope, curve]: [f64; 3], duration_s: f64) -> Push {
         self.move_to(start_v);
         if slope == 0.0 && curve == 0.0 {
-            return Push::held(self.part.force_n * self.h);
+            return Push::held(self.now_n());
         }
         let path = Path([start_v, slope, 0.5 * curve, 0.0]);
         let turn_s = if curve == 0.0 { f64::INFINITY } else { -slope / curve };
@@ -59,24 +60,21 @@ impl Transducer {
         let mut sum = Moments::default();
         let mut from_s = 0.0;
         for to_s in ends {
-            if to_s <= from_s {
-                continue;
-            }
-            let lengths = (path.at(to_s) - path.at(from_s)).abs() / (LENGTHS * self.part.law.length());
-            let count = lengths.ceil().clamp(1.0, PIECES);
-            for part in 1..=count as u32 {
-                let piece_end_s = from_s + (to_s - from_s) * f64::from(part) / count;
-                let piece_start_s = from_s + (to_s - from_s) * f64::from(part - 1) / count;
-                for (t, weight) in (Piece { from_s: piece_start_s, to_s: piece_end_s }).nodes() {
+            let mut pieces = 0;
+            while from_s < to_s {
+                pieces += 1;
+                let piece =
+                    Piece { from_s, to_s: if pieces < PIECES { self.smooth_until(&path, from_s, to_s) } else { to_s } };
+                for (t, weight) in piece.nodes() {
                     self.move_to(path.at(t));
-                    let force_n = self.part.force_n * self.h;
+                    let force_n = self.now_n();
                     sum.zeroth += weight * force_n;
                     sum.first += weight * t * force_n;
                     sum.second += weight * t * t * force_n;
                 }
-                self.move_to(path.at(piece_end_s));
+                self.move_to(path.at(piece.to_s));
+                from_s = piece.to_s;
             }
-            from_s = to_s;
         }
         let [force_n, slope, curve] = sum.parabola(duration_s);
         Push { force_n, slope, curve }
@@ -87,10 +85,26 @@ impl Transducer {
         self.part.force_n * self.h
     }
 
+    /// When `path`, which goes one way from `from_s` to `to_s`, leaves the stretch on which the operator is smooth; `to_s` at the latest.
+    fn smooth_until(&self, path: &Path, from_s: f64, to_s: f64) -> f64 {
+        let whole_v = path.at(to_s) - path.at(from_s);
+        let by_v = self.part.law.operator().smooth_v(&self.memory, self.at_v, whole_v);
+        if by_v >= whole_v.abs() {
+            return to_s;
+        }
+        // by = b t + c t^2 with b and c at `from_s`, the root without cancellation.
+        let (by_v, [slope, curve]) = (by_v.copysign(whole_v), path.motion(from_s));
+        let root = (slope * slope + 2.0 * curve * by_v).max(0.0).sqrt().copysign(whole_v);
+        let until_s = from_s + 2.0 * by_v / (slope + root);
+        if until_s > from_s { until_s.min(to_s) } else { to_s }
+    }
+
     fn move_to(&mut self, drive_v: f64) {
         if drive_v != self.at_v {
-            self.h = self.part.law.after(self.h, drive_v - self.at_v);
+            let operator = self.part.law.operator();
+            operator.pass(&mut self.memory, self.at_v, drive_v);
             self.at_v = drive_v;
+            self.h = operator.h(&self.memory, drive_v);
         }
     }
 }

@@ -45,7 +45,7 @@ pub struct LinearRegion {
 
 /// Linear regions of whatever plant the chain has.
 impl Chain {
-    /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; of a Bouc-Wen law, the plant at its least and its
+    /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; of a law of hysteresis, the plant at its least and its
     /// largest slope. Other parts of the chain are left out.
     ///
     /// # Errors
@@ -56,16 +56,16 @@ impl Chain {
         }
         let law = |force: &Force| if let Force::BoucWen(law) = force { Some(*law) } else { None };
         let ends = |[low, high]: [f64; 2]| [(low, "saturated"), (high, "after a turn")];
-        if let Some(transducer) = self.parts.transducer {
+        if let Some(transducer) = &self.parts.transducer {
             let alpha = self.plant.transduction_c_per_m;
-            let slopes = transducer.law.slopes(1.0).map(|slope| alpha - transducer.force_n * slope);
+            let slopes = transducer.law.operator().slopes_per_v().map(|slope| alpha - transducer.force_n * slope);
             let of = |(alpha, label): (f64, &str)| {
                 if self.parts.is_massless {
                     return Err(MarginError::Massless);
                 }
                 let mut region = self.plant.linear_region(&[])?;
                 region.b[1] = alpha / self.plant.mass_kg;
-                Ok(LinearRegion { label: format!("Bouc-Wen, {label}"), ..region })
+                Ok(LinearRegion { label: format!("hysteresis, {label}"), ..region })
             };
             return ends(slopes).into_iter().map(of).collect();
         }

@@ -1,7 +1,7 @@
-//! Plants of other kinds than hysterons: Bouc-Wen in its three settings, state space, transfer function.
+//! Plants of other kinds than hysterons: hysteresis operators in an actuator, a Bouc-Wen oscillator, state space, transfer function.
 
+use super::hysteresis::HysteresisSection;
 use super::{Model, or};
-use crate::bouc_wen::BoucWen;
 use crate::chain::{DriveHysteresis, Force, Parts};
 use crate::effects::Stage;
 use crate::linear::{StateSpace, TransferFunction};
@@ -22,6 +22,18 @@ pub enum Kind {
     BoucWenStatic,
     /// Bouc-Wen oscillator: mass, spring, damper and a hysteretic force that the displacement drives.
     BoucWenOscillator,
+    /// Mass, spring and damper under Kv V - Kh h, h by Dahl's law of friction.
+    Dahl,
+    /// The same, h the slip of springs in parallel.
+    MaxwellSlip,
+    /// The same under Kv V + Kh h, h by the backlash-like Duhem operator.
+    Duhem,
+    /// The same, h a sum of plays.
+    PrandtlIshlinskii,
+    /// The same, h by relays that are weighed cell by cell.
+    Preisach,
+    /// The same, h by relays whose jumps are ramps.
+    KrasnoselskiiPokrovskii,
     /// x' = A x + B V, y = C x + D V.
     StateSpace,
     /// A quotient of polynomials.
@@ -30,11 +42,17 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind, with the name that files and arguments use.
-    pub const ALL: [(&'static str, Kind); 6] = [
+    pub const ALL: [(&'static str, Kind); 12] = [
         ("phs", Kind::Phs),
         ("bouc-wen", Kind::BoucWen),
         ("bouc-wen-static", Kind::BoucWenStatic),
         ("bouc-wen-oscillator", Kind::BoucWenOscillator),
+        ("dahl", Kind::Dahl),
+        ("maxwell-slip", Kind::MaxwellSlip),
+        ("duhem", Kind::Duhem),
+        ("prandtl-ishlinskii", Kind::PrandtlIshlinskii),
+        ("preisach", Kind::Preisach),
+        ("krasnoselskii-pokrovskii", Kind::KrasnoselskiiPokrovskii),
         ("state-space", Kind::StateSpace),
         ("transfer-function", Kind::TransferFunction),
     ];
@@ -46,95 +64,12 @@ impl Kind {
 
     /// Whether mass, spring and damper of the model file act.
     pub fn has_structure(self) -> bool {
-        matches!(self, Kind::Phs | Kind::BoucWen | Kind::BoucWenOscillator)
-    }
-}
-
-/// `[hysteresis]` of the Bouc-Wen kinds: each takes the keys in its own units.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct HysteresisSection {
-    /// A of a law driven by volts.
-    #[serde(rename = "amplitude_per_V", default, skip_serializing_if = "Option::is_none")]
-    pub amplitude_per_v: Option<Param>,
-    /// beta of a law driven by volts.
-    #[serde(rename = "beta_per_V", default, skip_serializing_if = "Option::is_none")]
-    pub beta_per_v: Option<Param>,
-    /// gamma of a law driven by volts.
-    #[serde(rename = "gamma_per_V", default, skip_serializing_if = "Option::is_none")]
-    pub gamma_per_v: Option<Param>,
-    /// Kh of (2.2): the force of h = 1.
-    #[serde(rename = "force_N", default, skip_serializing_if = "Option::is_none")]
-    pub force_n: Option<Param>,
-    /// dp of (2.3).
-    #[serde(rename = "gain_um_per_V", default, skip_serializing_if = "Option::is_none")]
-    pub gain_um_per_v: Option<Param>,
-    /// Displacement of h = 1 in (2.3).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub depth_um: Option<Param>,
-    /// A of a law driven by the displacement.
-    #[serde(rename = "amplitude_N_per_m", default, skip_serializing_if = "Option::is_none")]
-    pub amplitude_n_per_m: Option<Param>,
-    /// beta of a law driven by the displacement, for n = 1; times N^(1-n) otherwise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub beta_per_m: Option<Param>,
-    /// gamma of a law driven by the displacement, likewise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gamma_per_m: Option<Param>,
-    /// n; 1 where absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub exponent: Option<Param>,
-}
-
-impl HysteresisSection {
-    pub(super) fn is_empty(&self) -> bool {
-        *self == Self::default()
+        !matches!(self, Kind::BoucWenStatic | Kind::StateSpace | Kind::TransferFunction)
     }
 
-    fn entries(&self) -> [(&'static str, &Option<Param>); 9] {
-        [
-            ("amplitude_per_V", &self.amplitude_per_v),
-            ("beta_per_V", &self.beta_per_v),
-            ("gamma_per_V", &self.gamma_per_v),
-            ("force_N", &self.force_n),
-            ("gain_um_per_V", &self.gain_um_per_v),
-            ("depth_um", &self.depth_um),
-            ("amplitude_N_per_m", &self.amplitude_n_per_m),
-            ("beta_per_m", &self.beta_per_m),
-            ("gamma_per_m", &self.gamma_per_m),
-        ]
-    }
-
-    /// The keys that a kind needs; it takes no others but the exponent.
-    fn needed(kind: Kind) -> &'static [&'static str] {
-        match kind {
-            Kind::BoucWen => &["amplitude_per_V", "beta_per_V", "gamma_per_V", "force_N"],
-            Kind::BoucWenStatic => &["amplitude_per_V", "beta_per_V", "gamma_per_V", "gain_um_per_V", "depth_um"],
-            Kind::BoucWenOscillator => &["amplitude_N_per_m", "beta_per_m", "gamma_per_m"],
-            Kind::Phs | Kind::StateSpace | Kind::TransferFunction => &[],
-        }
-    }
-
-    /// The law of the model's kind.
-    pub fn law(&self, kind: Kind) -> BoucWen {
-        let [a, beta, gamma] = match kind {
-            Kind::BoucWenOscillator => [&self.amplitude_n_per_m, &self.beta_per_m, &self.gamma_per_m],
-            _ => [&self.amplitude_per_v, &self.beta_per_v, &self.gamma_per_v],
-        };
-        BoucWen { amplitude: or(a, 0.0), beta: or(beta, 0.0), gamma: or(gamma, 0.0), exponent: or(&self.exponent, 1.0) }
-    }
-
-    pub(super) fn records(&self) -> Vec<(String, &Param, [f64; 2])> {
-        let entries = self.entries().into_iter().chain([("exponent", &self.exponent)]);
-        // Plausible: a bender's and a structure's sizes, many powers of ten wide.
-        let bounds = |key: &str| match key {
-            "amplitude_N_per_m" => [1.0, 1e10],
-            "beta_per_m" | "gamma_per_m" => [-1e9, 1e9],
-            "exponent" => [1.0, 20.0],
-            "amplitude_per_V" => [1e-7, 1e3],
-            _ => [-1e4, 1e4],
-        };
-        entries.filter_map(|(key, p)| p.as_ref().map(|p| (format!("hysteresis.{key}"), p, bounds(key)))).collect()
+    /// Whether hysteresis lies between the voltage and the force on mass, spring and damper.
+    pub fn is_actuator_with_operator(self) -> bool {
+        self.has_structure() && !matches!(self, Kind::Phs | Kind::BoucWenOscillator)
     }
 }
 
@@ -228,18 +163,22 @@ impl Model {
 
     /// What the kind puts in place of hysterons or of the whole structure.
     pub(super) fn kind_parts(&self) -> Parts {
-        let law = self.hysteresis.law(self.kind);
-        let transducer = |force_n| Some(DriveHysteresis { law, force_n });
+        let transducer = |force_n| self.hysteresis.law(self.kind).map(|law| DriveHysteresis { law, force_n });
         match self.kind {
             Kind::Phs => Parts::default(),
-            Kind::BoucWen => Parts { transducer: transducer(or(&self.hysteresis.force_n, 0.0)), ..Parts::default() },
+            kind if kind.is_actuator_with_operator() => {
+                let missing_n = HysteresisSection::missing(kind) * or(&self.hysteresis.force_n, 0.0);
+                Parts { transducer: transducer(missing_n), ..Parts::default() }
+            }
             Kind::BoucWenStatic => Parts {
                 transducer: transducer(or(&self.hysteresis.depth_um, 0.0) * super::MICRO),
                 is_massless: true,
                 ..Parts::default()
             },
-            Kind::BoucWenOscillator => Parts { forces: vec![Force::BoucWen(law)], ..Parts::default() },
-            Kind::StateSpace | Kind::TransferFunction => Parts { linear: self.linear(), ..Parts::default() },
+            Kind::BoucWenOscillator => {
+                Parts { forces: vec![Force::BoucWen(self.hysteresis.bouc_wen(self.kind))], ..Parts::default() }
+            }
+            _ => Parts { linear: self.linear(), ..Parts::default() },
         }
     }
 
@@ -279,22 +218,7 @@ impl Model {
         if self.kind != Kind::Phs && !self.actuator.hysterons.is_empty() {
             return Err(format!("actuator.hysteron has no meaning in a model of kind {kind}: use kind = \"phs\""));
         }
-        let needed = HysteresisSection::needed(self.kind);
-        for (key, param) in self.hysteresis.entries() {
-            if needed.contains(&key) != param.is_some() {
-                let advice = if param.is_some() { "has no meaning: remove it" } else { "is missing: add it" };
-                return Err(format!("in a model of kind {kind} hysteresis.{key} {advice}"));
-            }
-        }
-        if !needed.is_empty() {
-            let law = self.hysteresis.law(self.kind);
-            if law.amplitude <= 0.0 || law.exponent < 1.0 {
-                return Err(format!(
-                    "hysteresis has amplitude {} and exponent {}: the first must be positive, the second at least 1",
-                    law.amplitude, law.exponent
-                ));
-            }
-        }
+        self.hysteresis.validate(self.kind)?;
         let given = self.state_space.is_some() || self.transfer_function.is_some();
         if given {
             let Some(space) = self.linear() else {
