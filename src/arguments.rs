@@ -239,11 +239,15 @@ Example, which kind of model explains the logs best:
   hysteron identify --compare steps.csv sines.csv --held-out other.csv \\
     --out best.toml")]
 pub struct IdentifyCall {
-    /// Model to fit: phs (hysterons), linear (hysterons without dead zones), bouc-wen, bouc-wen-static, transfer-function
+    /// Model to fit: phs (hysterons), linear (hysterons without dead zones), transfer-function, or an actuator with another law of
+    /// hysteresis
     #[arg(
         long,
         value_name = "KIND",
-        value_parser = ["phs", "linear", "bouc-wen", "bouc-wen-static", "transfer-function"],
+        value_parser = [
+            "phs", "linear", "bouc-wen", "bouc-wen-static", "bouc-wen-oscillator", "dahl", "duhem", "maxwell-slip",
+            "prandtl-ishlinskii", "preisach", "krasnoselskii-pokrovskii", "transfer-function",
+        ],
         required_unless_present = "compare"
     )]
     pub model: Option<String>,

@@ -151,6 +151,26 @@ fn actuators_with_an_operator_are_their_equation() {
     }
 }
 
+/// The model files of the operators are what their first lines say: fits of the thesis' plant.
+#[test]
+fn fitted_operators_replay_the_plant_they_were_fitted_to() {
+    let plant = model("thesis-phs.toml").chain();
+    // Loops that get smaller, which none of the fits has seen.
+    let log = log(Hold::Zoh, 4e3, 4000, |t| 60.0 * (1.0 - t) * (2.0 * std::f64::consts::PI * 7.0 * t).sin());
+    let truth = predict(&plant, &log, &Start::relaxed(&plant), log.len());
+    let mean = truth.iter().sum::<f64>() / truth.len() as f64;
+    let spread = truth.iter().map(|y| (y - mean).powi(2)).sum::<f64>().sqrt();
+    for (kind, _) in operator_models() {
+        let chain = model(&format!("fitted-{kind}.toml")).chain();
+        let ours = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+        let away = ours.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let fit = 100.0 * (1.0 - away / spread);
+        println!("{kind}: {fit:.2} %");
+        // The plant's rate dependence is beyond any of them; a straight line makes 95.0 %.
+        assert!((97.0..99.9).contains(&fit), "{kind}: {fit} %");
+    }
+}
+
 #[test]
 fn static_mechanics_are_exact() {
     let chain = model("thesis-bouc-wen-static.toml").chain();

@@ -35,7 +35,15 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
         (None, "bouc-wen") => From::BoucWen { mass_kg: Some(mass_kg) },
         (None, "bouc-wen-static") => From::BoucWen { mass_kg: None },
         (None, "linear") => From::Linear { hysterons: call.hysterons, mass_kg },
-        (None, _) => From::Logs { hysterons: call.hysterons, mass_kg },
+        (None, "phs") => From::Logs { hysterons: call.hysterons, mass_kg },
+        (None, name) => match Kind::ALL.into_iter().find(|(of, _)| *of == name) {
+            Some((_, kind)) if kind.is_actuator_with_operator() => From::Operator { kind, mass_kg },
+            _ => {
+                return Err(Failure::call(format!(
+                    "--model {name} can't be guessed from logs alone: state a plant of that kind with --plant"
+                )));
+            }
+        },
     };
     let mut warnings = Vec::new();
     if let From::Plant(model) = &from {

@@ -84,7 +84,7 @@ enum Task {
     Report,
     /// The speed comparisons in benches/
     Bench {
-        /// Which: solvers, link; all by default
+        /// Which: solvers, link, diagnosis; all by default
         name: Option<String>,
     },
     /// Installs what the checks need (.ci/setup)
@@ -133,10 +133,10 @@ fn run(task: Task) -> Result<Outcome> {
 
 /// `benches/` is a workspace of its own, because it builds rival solvers that nobody else needs.
 fn bench(project: &Project, name: Option<&str>) -> Result<Outcome> {
-    let all = [("solvers", "hysteron-benches"), ("link", "link")];
+    let all = [("solvers", "hysteron-benches"), ("link", "link"), ("diagnosis", "diagnosis")];
     let chosen: Vec<_> = all.into_iter().filter(|(known, _)| name.is_none_or(|name| name == *known)).collect();
     if chosen.is_empty() {
-        bail!("no comparison of this name; there are: solvers, link");
+        bail!("no comparison of this name; there are: solvers, link, diagnosis");
     }
     if !project.root.join("benches/Cargo.toml").exists() {
         return Ok(Outcome::NotRun("benches/ does not exist yet".into()));

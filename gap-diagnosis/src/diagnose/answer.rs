@@ -3,11 +3,12 @@
 use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::Bench;
 use super::closed_loop::ClosedLoop;
+use super::events::Applied;
 use super::gap::{Gap, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
-use super::random::{CONFIDENCE, Random, beyond_stated, by_scatter, lost};
+use super::random::{CONFIDENCE, Random, beyond_stated, by_scatter, held_commands, lost};
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
@@ -168,6 +169,7 @@ pub(super) fn answer(
     course: &Course,
     benches: &Benches<'_>,
     options: &Options,
+    applied: Option<&Applied>,
     mut warnings: Vec<String>,
     say: Say<'_>,
 ) -> Diagnosis {
@@ -186,7 +188,8 @@ pub(super) fn answer(
     let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
         verdict == Verdict::NoGap || well || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
     });
-    let beyond = lost(bench, &course.scattered).or(unseen).filter(|beyond| {
+    let never_arrived = applied.and_then(held_commands).or_else(|| lost(bench, &course.scattered));
+    let beyond = never_arrived.or(unseen).filter(|beyond| {
         let is_new = random.iter().all(|known| known.effect.id() != beyond.effect.id());
         is_new && verdict != Verdict::Unknown
     });

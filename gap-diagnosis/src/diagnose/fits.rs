@@ -28,6 +28,8 @@ const AS_GOOD: f64 = 1.5;
 const HARDLY_HALF: f64 = 0.75;
 /// .. must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
+/// One effect fits as well as two if the mean square is no more than this many times theirs.
+const AS_WELL: f64 = 1.01;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
 const START_SHARE: f64 = 0.4;
 
@@ -73,7 +75,7 @@ impl Fits<'_> {
                 let pair = self.search.extend(first, lead, false);
                 let is_found = self.left(&pair) < FOUND || pair.chi < AT_NOISE;
                 if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
-                    pairs.push(pair);
+                    pairs.push(if is_found { self.least(pair) } else { pair });
                 }
                 if is_found {
                     return pairs;
@@ -81,6 +83,12 @@ impl Fits<'_> {
             }
         }
         pairs
+    }
+
+    /// One of a pair's effects, if that alone fits as well: the other only led it out of a local minimum.
+    fn least(&self, pair: Candidate) -> Candidate {
+        let mut alone = (0..pair.hypothesis.installed.len()).map(|kept| self.search.only(self.refit, &pair, kept));
+        alone.find(|alone| alone.chi < AS_WELL * pair.chi).unwrap_or(pair)
     }
 
     fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {

@@ -97,6 +97,11 @@ pub struct Course {
 }
 
 impl Course {
+    /// Whether the refit leaves a gap to speak of.
+    pub fn has_gap(&self) -> bool {
+        has_gap(&self.refit)
+    }
+
     fn new(refit: Candidate, explanations: Vec<Explanation>, scattered: Scattered) -> Self {
         let (leads, line_hz) = (Vec::new(), Vec::new());
         Self { refit, explanations, unknown: 0.0, no_gap: 0.0, leads, scattered, line_hz }

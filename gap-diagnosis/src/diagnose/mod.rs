@@ -2,7 +2,7 @@
 //!
 //! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`], in the order of `fits`), what
-//! only scatter tells ([`spread`]), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
+//! only scatter tells ([`spread`]), which commands never arrived (`events`), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
 //! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
@@ -14,6 +14,7 @@ pub mod bench;
 mod closed_loop;
 pub mod descend;
 mod error;
+mod events;
 pub mod evidence;
 mod fits;
 mod gap;
@@ -95,19 +96,19 @@ pub fn diagnose(
     error::check_rows(logs, &run_in)?;
     error::check_rows(held_out, &run_in)?;
     let chain = plant.chain();
+    let are_losses_known = !options.without.iter().any(|id| id == "lost_samples");
     let records = |logs| -> Vec<bench::Record<'_>> {
         let logs: &[Log] = logs;
         let mut records: Vec<_> = logs.iter().map(|log| records::record(log, &chain, options.run_in_s)).collect();
-        if options.without.iter().any(|id| id == "lost_samples") {
+        if !are_losses_known {
             // If nobody had thought of lost rows, they would be readings like others.
             records.iter_mut().for_each(|record| record.is_lost = Vec::new());
         }
         records
     };
-    let bench = Bench::new(plant, records(logs));
-    error::check_plant(&bench, true)?;
-    let benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
-    if let Some(held) = &benches.held {
+    let as_logged = Bench::new(plant, records(logs));
+    error::check_plant(&as_logged, true)?;
+    if let Some(held) = &plants::Benches::new(plant, Vec::new(), held_out, options.run_in_s).held {
         error::check_plant(held, false)?;
     }
     let freedom = match options.initial {
@@ -116,10 +117,20 @@ pub fn diagnose(
         Initial::Fit => Freedom::Any,
     };
     let simulations = AtomicUsize::new(0);
-    let search = Search { bench: &bench, simulations: &simulations };
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
-    let course = judge::course(&search, freedom, &without, progress);
-    let mut found = answer::answer(&search, &course, &benches, options, error::warnings(logs, held_out), progress);
+    let search = Search { bench: &as_logged, simulations: &simulations };
+    let mut course = judge::course(&search, freedom, &without, progress);
+    let warnings = error::warnings(logs, held_out);
+    // What never arrived is no matter of the plant: everything again with the commands that did.
+    let applied = if are_losses_known && course.has_gap() { events::applied(&search, &course) } else { None };
+    let arrived = applied.as_ref().map(|applied| applied.logs(logs));
+    let bench = Bench::new(plant, records(arrived.as_deref().unwrap_or(logs)));
+    let search = Search { bench: &bench, simulations: &simulations };
+    if applied.is_some() {
+        course = judge::course(&search, freedom, &without, progress);
+    }
+    let benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
+    let mut found = answer::answer(&search, &course, &benches, options, applied.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {
         found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);
     }

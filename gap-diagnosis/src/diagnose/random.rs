@@ -4,6 +4,7 @@
 //! units of the noise that the logs show, so no fit ever misses it.
 
 use super::bench::Bench;
+use super::events::Applied;
 use super::spread::Scattered;
 use plant_sim::effects::{Effect, Form, Role, find};
 use plant_sim::model::Model;
@@ -78,6 +79,11 @@ pub(super) fn lost(bench: &Bench<'_>, scattered: &Scattered) -> Option<Random> {
     let rows: usize = bench.records.iter().map(|r| r.log.len() - r.run_in).sum();
     let sigma = (share / rows.max(1) as f64).sqrt();
     if share > 0.0 { random("lost_samples", "repeated", vec![share], vec![sigma], scattered.repeated_m2) } else { None }
+}
+
+/// Commands that never arrived.
+pub(super) fn held_commands(applied: &Applied) -> Option<Random> {
+    random("lost_samples", "held-command", vec![applied.share], vec![applied.sigma], applied.power_m2)
 }
 
 /// What was read from scatter, with the power that it accounts for.

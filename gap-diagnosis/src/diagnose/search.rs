@@ -135,6 +135,15 @@ impl Search<'_> {
         self.descend(&refit.hypothesis, z, &LAST_STAGES)
     }
 
+    /// Effect number `kept` of a fit alone, from where the fit ended.
+    pub fn only(&self, refit: &Candidate, fit: &Candidate, kept: usize) -> Candidate {
+        let kept = fit.hypothesis.installed[kept].clone();
+        let freedom = if kept.form.kind == Kind::Start { fit.hypothesis.freedom } else { refit.hypothesis.freedom };
+        let hypothesis = Hypothesis { installed: vec![kept], freedom };
+        let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
+        self.descend(&hypothesis, z, &LAST_STAGES)
+    }
+
     /// The candidate again, its nominal numbers put back at nominal; the better of both.
     pub fn polish(&self, candidate: Candidate) -> Candidate {
         let mut z = candidate.found.z.clone();

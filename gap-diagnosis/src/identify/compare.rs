@@ -8,11 +8,21 @@ use super::tfest::tfest;
 use super::{From, Hysterons, IdentifyError, LogFit, Options, Progress, fit_start, identify, run_in_rows};
 use plant_sim::log::Log;
 use plant_sim::metrics::Score;
-use plant_sim::model::Model;
+use plant_sim::model::{Kind, Model};
 use plant_sim::replay::{Initial, Start, predict};
 
 /// Share of each log that is held out where no whole logs are.
 const HELD_OUT: f64 = 0.3;
+
+/// Actuators with other operators than Bouc-Wen's.
+const OPERATORS: [(Kind, &str); 6] = [
+    (Kind::Dahl, "Dahl"),
+    (Kind::Duhem, "Duhem"),
+    (Kind::MaxwellSlip, "Maxwell slip, 8 springs"),
+    (Kind::PrandtlIshlinskii, "Prandtl-Ishlinskii, 8 plays"),
+    (Kind::Preisach, "Preisach, 21 cells"),
+    (Kind::KrasnoselskiiPokrovskii, "Krasnosel'skii-Pokrovskii, 21 kernels"),
+];
 
 /// One log or stretch that was never fitted.
 #[derive(Clone, Debug)]
@@ -101,6 +111,9 @@ pub fn compare(
             format!("port-Hamiltonian, {}, from the stated plant", hysterons(n)),
             From::Plant(Box::new(model.clone())),
         ));
+    }
+    for (kind, words) in OPERATORS {
+        kinds.push((words.into(), From::Operator { kind, mass_kg }));
     }
     progress("transfer functions", 0);
     match tfest(&fitted, options, None) {

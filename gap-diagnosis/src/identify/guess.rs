@@ -131,6 +131,70 @@ pub fn bouc_wen(log: &Log, run_in: usize, looks: &Looks, mass_kg: Option<f64>) -
     model
 }
 
+/// Plays of a guess, cells of a row, and levels of the kernels.
+const PLAYS: usize = 8;
+const ROWS: usize = 6;
+/// Share of the static gain that an operator makes which is the motion itself; the rest is straight.
+const SHARE: f64 = 0.4;
+
+/// An actuator with the logs' gain and resonance and an operator of `kind`, which makes a loop of a fifth of its force.
+pub fn operator(kind: Kind, log: &Log, run_in: usize, looks: &Looks, mass_kg: f64) -> Model {
+    let (mut model, _) = guess(log, run_in, looks, 0, mass_kg);
+    model.kind = kind;
+    let alpha = model.actuator.transduction_c_per_m.value;
+    let param = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
+    let given = |value: f64| Param::absolute(value, 0.0, "chosen, not fitted");
+    let [low_v, high_v] = log.command_v[run_in..]
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
+    let span_v = looks.span_v.max(1e-3);
+    let hysteresis = &mut model.hysteresis;
+    // What saturates is taken off a larger force; what moves is added to a smaller one.
+    let straight = match kind {
+        Kind::Dahl | Kind::MaxwellSlip => 1.25,
+        _ => 1.0 - SHARE,
+    };
+    match kind {
+        Kind::Dahl => {
+            hysteresis.rate_per_v = Some(param(2.0 / span_v));
+            hysteresis.force_n = Some(param(0.25 * alpha * span_v / 2.0));
+        }
+        Kind::Duhem => {
+            hysteresis.force_n = Some(given(alpha));
+            hysteresis.rate_per_v = Some(param(4.0 / span_v));
+            hysteresis.slope_per_v = Some(param(SHARE));
+            hysteresis.inner_slope_per_v = Some(param(0.6 * SHARE));
+        }
+        Kind::MaxwellSlip | Kind::PrandtlIshlinskii => {
+            let share = if kind == Kind::MaxwellSlip { 0.25 } else { SHARE };
+            hysteresis.force_n = Some(given(alpha));
+            // A play wider than half the span is never taken along.
+            let at = |i: usize| 0.5 * span_v * (i as f64 + 0.5) / PLAYS as f64;
+            hysteresis.threshold_v = (0..PLAYS).map(|i| given(at(i))).collect();
+            hysteresis.weight_per_v = (0..PLAYS).map(|_| param(share / PLAYS as f64)).collect();
+        }
+        _ => {
+            let is_preisach = kind == Kind::Preisach;
+            let edges = if is_preisach { ROWS + 1 } else { ROWS };
+            let step_v = span_v / ROWS as f64;
+            hysteresis.force_n = Some(given(alpha * span_v));
+            hysteresis.level_v = (0..edges).map(|i| given(low_v + (high_v - low_v) * i as f64 / ROWS as f64)).collect();
+            if !is_preisach {
+                hysteresis.ramp_v = Some(given(step_v));
+            }
+            // Evenly over the triangle: a rise over the span adds twice the sum.
+            let whole = 0.5 * SHARE;
+            let cells =
+                (0..ROWS).flat_map(|up| (0..=up).map(move |down| if is_preisach && up == down { 0.5 } else { 1.0 }));
+            let cells: Vec<f64> = cells.collect();
+            let sum: f64 = cells.iter().sum();
+            hysteresis.weight = cells.into_iter().map(|cell| param(whole * cell / sum)).collect();
+        }
+    }
+    model.actuator.transduction_c_per_m.value = straight * alpha;
+    model
+}
+
 /// Undamped frequency and damping ratio of a linear plant that replays the log best, if that makes a difference.
 fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> Option<(f64, f64)> {
     let rows = log.command_v.len().min(run_in + SCAN_ROWS);

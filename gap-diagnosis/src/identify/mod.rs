@@ -18,7 +18,7 @@ pub mod tfest;
 use crate::residual::Autocorrelation;
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
-use plant_sim::model::Model;
+use plant_sim::model::{Kind, Model};
 use plant_sim::replay::{Initial, Start};
 use search::{Basis, Session};
 use std::sync::atomic::AtomicUsize;
@@ -49,6 +49,13 @@ pub enum From {
     BoucWen {
         /// The weighed mass; `None` for static mechanics.
         mass_kg: Option<f64>,
+    },
+    /// The logs alone, for an actuator with another hysteresis operator.
+    Operator {
+        /// Which: [`Kind::is_actuator_with_operator`].
+        kind: Kind,
+        /// The weighed mass.
+        mass_kg: f64,
     },
 }
 
@@ -227,22 +234,19 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
         From::BoucWen { mass_kg } => {
-            let run_in = run_in_rows(&logs[0], options);
-            let looks = guess::looks(&logs[0], run_in);
-            if looks.gain_m_per_v < 0.0 {
-                return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
-            }
+            let (run_in, looks) = looks(&logs[0], options)?;
             // Its loop is wide enough to hide a damped resonance from a linear scan, so that its numbers are always fitted.
             let model = guess::bouc_wen(&logs[0], run_in, &looks, *mass_kg);
             fit(model, Basis::Guessed { resonance_seen: true })
         }
+        From::Operator { kind, mass_kg } => {
+            let (run_in, looks) = looks(&logs[0], options)?;
+            let model = guess::operator(*kind, &logs[0], run_in, &looks, *mass_kg);
+            fit(model, Basis::Guessed { resonance_seen: true })
+        }
         From::Logs { hysterons, mass_kg } | From::Linear { hysterons, mass_kg } => {
             let linear = matches!(options.from, From::Linear { .. });
-            let run_in = run_in_rows(&logs[0], options);
-            let looks = guess::looks(&logs[0], run_in);
-            if looks.gain_m_per_v < 0.0 {
-                return Err(IdentifyError::Inverted { log: logs[0].name.clone() });
-            }
+            let (run_in, looks) = looks(&logs[0], options)?;
             let guessed = |n: usize| {
                 let (mut model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
                 if linear {
@@ -268,6 +272,16 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
             }
         }
     }
+}
+
+/// The run-in of a log, in rows, and what it looks like after that.
+fn looks(log: &Log, options: &Options) -> Result<(usize, guess::Looks), IdentifyError> {
+    let run_in = run_in_rows(log, options);
+    let looks = guess::looks(log, run_in);
+    if looks.gain_m_per_v < 0.0 {
+        return Err(IdentifyError::Inverted { log: log.name.clone() });
+    }
+    Ok((run_in, looks))
 }
 
 fn run_in_rows(log: &Log, options: &Options) -> usize {

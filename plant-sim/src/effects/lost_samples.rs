@@ -13,7 +13,8 @@ const ABOUT: About = About {
     source: "common form, size assumed; that links lose and delay samples: ArduPilot issues 11217 and 14561",
     typical: "1e-4 to 1e-2 of the samples",
     installs: "a share of repeated readings or of commands not received",
-    signature: "single outliers in proportion to the velocity; readings that repeat exactly",
+    signature: "readings that repeat exactly while the plant moves; or after single commands the echo of a pulse that is as high as the \
+                command's step",
     rivals: &["sampling_jitter", "noise_excess"],
     experiment: "a fast sine with sequence numbers logged: repeated readings are equal to the last digit while the \
                  plant moves",

@@ -55,7 +55,6 @@ impl Chain {
             return Ok(vec![space.region("linear plant")]);
         }
         let law = |force: &Force| if let Force::BoucWen(law) = force { Some(*law) } else { None };
-        let ends = |[low, high]: [f64; 2]| [(low, "saturated"), (high, "after a turn")];
         if let Some(transducer) = &self.parts.transducer {
             let alpha = self.plant.transduction_c_per_m;
             let slopes = transducer.law.operator().slopes_per_v().map(|slope| alpha - transducer.force_n * slope);
@@ -67,14 +66,16 @@ impl Chain {
                 region.b[1] = alpha / self.plant.mass_kg;
                 Ok(LinearRegion { label: format!("hysteresis, {label}"), ..region })
             };
-            return ends(slopes).into_iter().map(of).collect();
+            let [least, greatest] = slopes;
+            return [(least, "least slope"), (greatest, "greatest slope")].into_iter().map(of).collect();
         }
         if let Some(law) = self.parts.forces.iter().find_map(law) {
             let of = |(slope, label): (f64, &str)| {
                 let stiffer = Phs { stiffness_n_per_m: self.plant.stiffness_n_per_m + slope, ..self.plant.clone() };
                 Ok(LinearRegion { label: format!("Bouc-Wen, {label}"), ..stiffer.linear_region(&[])? })
             };
-            return ends(law.slopes(0.0)).into_iter().map(of).collect();
+            let [low, high] = law.slopes(0.0);
+            return [(low, "saturated"), (high, "after a turn")].into_iter().map(of).collect();
         }
         self.plant.linear_regions()
     }

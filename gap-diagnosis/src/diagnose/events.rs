@@ -1,0 +1,367 @@
+//! Commands that never arrived, found row by row in what a fit leaves.
+//!
+//! A command that is lost leaves the drive where it was: a pulse whose height the log tells and whose echo in the displacement the plant
+//! tells. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
+//! greedily, the most certain first; what they leave shows the next. Delays, slews and jitter leave such pulses at no height or at
+//! every height, and at every row, so that their shares don't crowd at one.
+
+use super::bench::Bench;
+use super::judge::Course;
+use super::search::Search;
+use plant_sim::chain::{Chain, Held, Simulator};
+use plant_sim::log::{Hold, Log};
+
+/// Most commands that are lost in a row.
+const IN_A_ROW: usize = 6;
+/// A stretch counts if the prediction with it is better by this chi-square: eight sigma, because there are many rows.
+const CERTAIN: f64 = 64.0;
+/// A pulse's echo ends where it stays below this share of its peak, or after so many rows.
+const ECHO_ENDS: f64 = 0.02;
+const LONGEST_ECHO: usize = 256;
+/// Rows that are searched together.
+const BLOCK: usize = 4096;
+/// Passes over a log: what was found lowers the scatter that the rest is judged by.
+const PASSES: usize = 3;
+/// From the median of a normal's magnitude to its sigma.
+const TO_SIGMA: f64 = 1.4826;
+/// Fewer stretches than this are chance.
+const LEAST: usize = 4;
+/// Of the stretches, this share must have between these parts of their height ..
+const CROWDED: f64 = 0.7;
+const AT_ONE: [f64; 2] = [0.75, 1.25];
+/// .. they must be no more than this share of the rows that could have shown one ..
+const MOST_SHARE: f64 = 0.35;
+/// .. and leave no more than this share of the power.
+const LEAVES: f64 = 0.5;
+
+/// What reached the drive.
+pub(super) struct Applied {
+    command_v: Vec<Vec<f64>>,
+    /// Share of all commands that was lost.
+    pub share: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Mean square that the losses make, metres squared.
+    pub power_m2: f64,
+}
+
+impl Applied {
+    /// `logs` with the commands that arrived.
+    pub fn logs(&self, logs: &[Log]) -> Vec<Log> {
+        let one = |(log, command_v): (&Log, &Vec<f64>)| Log { command_v: command_v.clone(), ..log.clone() };
+        logs.iter().zip(&self.command_v).map(one).collect()
+    }
+}
+
+/// What reached the drive in each log, if commands were lost, by what the best fit of `course` leaves.
+pub(super) fn applied(search: &Search<'_>, course: &Course) -> Option<Applied> {
+    let fits = course.explanations.iter().map(|explanation| &explanation.candidate);
+    let best = fits.fold(&course.refit, |best, fit| if fit.chi < best.chi { fit } else { best });
+    let bench = search.bench;
+    let mut walks = Vec::new();
+    for (index, left) in search.play(best).into_iter().enumerate() {
+        let chain = bench.chain_at(&best.hypothesis, &best.found.z, index);
+        walks.push(Walk::new(bench, index, &chain, left.residual_m)?.searched());
+    }
+    judged(walks)
+}
+
+/// What the walks found, if it can be nothing but losses.
+fn judged(walks: Vec<Walk<'_>>) -> Option<Applied> {
+    let shares: Vec<f64> = walks.iter().flat_map(|walk| walk.shares.iter().copied()).collect();
+    let crowded = shares.iter().filter(|share| (AT_ONE[0]..AT_ONE[1]).contains(*share)).count();
+    let (mut rows, mut lost, mut visible, mut taken_m2) = (0, 0, 0, 0.0);
+    let mut power_m2 = [0.0; 2];
+    for walk in &walks {
+        rows += walk.log.len();
+        lost += walk.is_lost.iter().filter(|is_lost| **is_lost).count();
+        visible += walk.visible;
+        taken_m2 += walk.taken_m2;
+        let [before_m2, after_m2] = walk.power_m2();
+        power_m2 = [power_m2[0] + before_m2, power_m2[1] + after_m2];
+    }
+    let is_found = shares.len() >= LEAST
+        && crowded as f64 >= CROWDED * shares.len() as f64
+        && shares.len() as f64 <= MOST_SHARE * visible as f64
+        && power_m2[1] <= LEAVES * power_m2[0];
+    is_found.then(|| Applied {
+        // Of the commands whose loss shows, and as likely of the others.
+        share: lost as f64 / visible as f64,
+        sigma: (lost as f64).sqrt() / visible as f64,
+        power_m2: taken_m2 / rows as f64,
+        command_v: walks.into_iter().map(|walk| walk.applied_v).collect(),
+    })
+}
+
+/// A search of one log.
+struct Walk<'a> {
+    log: &'a Log,
+    applied_v: Vec<f64>,
+    is_lost: Vec<bool>,
+    /// What is left, slow parts taken off, and what it was.
+    left_m: Vec<f64>,
+    before_m: Vec<f64>,
+    /// Echo of a volt over one sample, slow parts taken off, from `ahead` rows before the sample on; its products with itself.
+    echo_m: Vec<f64>,
+    ahead: usize,
+    products_m2: Vec<f64>,
+    noise2: f64,
+    /// Height of each stretch that was found, as a share of what it would be.
+    shares: Vec<f64>,
+    /// Rows whose loss would have shown.
+    visible: usize,
+    taken_m2: f64,
+}
+
+/// A stretch of rows whose commands may be lost.
+#[derive(Clone, Copy)]
+struct Stretch {
+    from: usize,
+    rows: usize,
+    /// By how much less is left, metres squared; in units of the scatter it is a chi-square.
+    gain_m2: f64,
+    /// Height that is seen over the height that it would have.
+    share: f64,
+}
+
+impl<'a> Walk<'a> {
+    /// `None` for logs whose command isn't held, or whose drive was seen.
+    fn new(bench: &Bench<'a>, index: usize, chain: &Chain, residual_m: Vec<f64>) -> Option<Self> {
+        let record = &bench.records[index];
+        let log = record.log;
+        if log.meta.hold != Hold::Zoh || log.drive_v.is_some() {
+            return None;
+        }
+        let pulse_m = pulse(chain, log.dt_s, log.meta.latency_s);
+        let ahead = pulse_m.len();
+        let mut echo_m = vec![0.0; 3 * ahead];
+        echo_m[ahead..2 * ahead].copy_from_slice(&pulse_m);
+        let echo_m = without_slow(&echo_m, ahead);
+        let shifted = |by: usize| echo_m[by..].iter().zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
+        let products_m2 = (0..IN_A_ROW).map(shifted).collect();
+        let left_m = without_slow(&residual_m, ahead);
+        Some(Self {
+            log,
+            applied_v: log.command_v.clone(),
+            is_lost: vec![false; log.len()],
+            before_m: left_m.clone(),
+            left_m,
+            echo_m,
+            ahead,
+            products_m2,
+            noise2: record.noise_m.powi(2),
+            shares: Vec::new(),
+            visible: 0,
+            taken_m2: 0.0,
+        })
+    }
+
+    /// Sums of squares beyond the noise, before and after.
+    fn power_m2(&self) -> [f64; 2] {
+        let noise_m2 = self.noise2 * self.log.len() as f64;
+        [&self.before_m, &self.left_m].map(|values| (values.iter().map(|v| v * v).sum::<f64>() - noise_m2).max(0.0))
+    }
+
+    fn searched(mut self) -> Self {
+        let rows = self.log.len();
+        for _ in 0..PASSES {
+            let found = self.shares.len();
+            let scatter_m = TO_SIGMA * median(self.left_m.iter().map(|v| v.abs()).collect());
+            let unit2 = self.noise2.max(scatter_m * scatter_m);
+            for from in (1..rows).step_by(BLOCK) {
+                self.search_block(from..(from + BLOCK).min(rows), unit2);
+            }
+            let alone = |k: usize| (self.applied_v[k - 1] - self.log.command_v[k]).powi(2) * self.products_m2[0];
+            self.visible = (1..rows).filter(|&k| alone(k) > CERTAIN * unit2).count();
+            if self.shares.len() == found {
+                break;
+            }
+        }
+        self
+    }
+
+    fn search_block(&mut self, block: std::ops::Range<usize>, unit2: f64) {
+        // How far a stretch that was taken changes what others gain.
+        let reach = self.echo_m.len() + IN_A_ROW;
+        let mut matched: Vec<f64> = block.clone().map(|k| self.matched(k)).collect();
+        let of = |walk: &Self, matched: &[f64], k: usize| walk.best(matched, block.start, k, unit2);
+        let mut best: Vec<Option<Stretch>> = block.clone().map(|k| of(self, &matched, k)).collect();
+        while let Some(stretch) = best.iter().flatten().copied().max_by(|a, b| a.gain_m2.total_cmp(&b.gain_m2)) {
+            self.take(stretch);
+            let near = stretch.from.saturating_sub(reach).max(block.start)..(stretch.from + reach).min(block.end);
+            for k in near.clone() {
+                matched[k - block.start] = self.matched(k);
+            }
+            for k in near {
+                best[k - block.start] = of(self, &matched, k);
+            }
+        }
+    }
+
+    /// What is left around row `k` along the echo of a pulse there.
+    fn matched(&self, k: usize) -> f64 {
+        let first = k as isize - self.ahead as isize;
+        let skipped = first.min(0).unsigned_abs();
+        let from = first.max(0) as usize;
+        self.left_m[from..].iter().zip(&self.echo_m[skipped..]).map(|(r, h)| r * h).sum()
+    }
+
+    /// The stretch from row `k` on that gains most, if one is certain.
+    fn best(&self, matched: &[f64], start: usize, k: usize, unit2: f64) -> Option<Stretch> {
+        let held_v = self.applied_v[k - 1];
+        let (mut along, mut square) = (0.0, 0.0);
+        let mut heights_v: [f64; IN_A_ROW] = [0.0; IN_A_ROW];
+        let mut best: Option<Stretch> = None;
+        for i in 0..IN_A_ROW {
+            let row = k + i;
+            if row - start >= matched.len() || self.is_lost[row] {
+                break;
+            }
+            let height_v = held_v - self.log.command_v[row];
+            heights_v[i] = height_v;
+            along += height_v * matched[row - start];
+            let crossed: f64 = (0..i).map(|j| heights_v[j] * self.products_m2[i - j]).sum();
+            square += height_v * (height_v * self.products_m2[0] + 2.0 * crossed);
+            let gain_m2 = 2.0 * along - square;
+            if gain_m2 > CERTAIN * unit2 && best.is_none_or(|best| gain_m2 > best.gain_m2) {
+                best = Some(Stretch { from: k, rows: i + 1, gain_m2, share: along / square });
+            }
+        }
+        best
+    }
+
+    fn take(&mut self, stretch: Stretch) {
+        let held_v = self.applied_v[stretch.from - 1];
+        for row in stretch.from..stretch.from + stretch.rows {
+            let height_v = held_v - self.log.command_v[row];
+            let first = row as isize - self.ahead as isize;
+            for (k, h) in self.echo_m.iter().enumerate() {
+                if let Ok(at) = usize::try_from(first + k as isize)
+                    && let Some(left_m) = self.left_m.get_mut(at)
+                {
+                    *left_m -= height_v * h;
+                }
+            }
+            self.applied_v[row] = held_v;
+            self.is_lost[row] = true;
+        }
+        self.taken_m2 += stretch.gain_m2;
+        self.shares.push(stretch.share);
+    }
+}
+
+/// What one volt over one sample makes of the displacement from that row on, until it has died away; metres per volt.
+fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Vec<f64> {
+    let play = |volts: f64| {
+        let mut simulator = Simulator::new(chain, sample_s, latency_s);
+        let reading = |k: usize| {
+            let reading_m = simulator.reading_m();
+            simulator.advance(Held::zero_order(if k == 0 { volts } else { 0.0 }), 0.0);
+            reading_m
+        };
+        (0..LONGEST_ECHO).map(reading).collect::<Vec<f64>>()
+    };
+    let mut pulse_m: Vec<f64> = play(1.0).iter().zip(play(0.0)).map(|(with, without)| with - without).collect();
+    let peak_m = pulse_m.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    let end = pulse_m.iter().rposition(|v| v.abs() > ECHO_ENDS * peak_m).map_or(1, |last| last + 1);
+    pulse_m.truncate(end);
+    pulse_m
+}
+
+/// `values` less their mean over `half` rows to either side.
+fn without_slow(values: &[f64], half: usize) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    for value in values {
+        sums.push(sums[sums.len() - 1] + value);
+    }
+    let mean = |k: usize| {
+        let (from, to) = (k.saturating_sub(half), (k + half + 1).min(values.len()));
+        (sums[to] - sums[from]) / (to - from) as f64
+    };
+    values.iter().enumerate().map(|(k, value)| value - mean(k)).collect()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    values.sort_by(f64::total_cmp);
+    values.get(middle).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use plant_sim::model::Model;
+    use plant_sim::replay::{Start, predict};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+    use std::path::Path;
+
+    /// A log of the thesis' plant whose drive followed what `acting` makes of the commands, with 20 nm of noise.
+    fn log(acting: impl Fn(&[f64]) -> Vec<f64>) -> (Model, Log) {
+        let model =
+            Model::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml")).expect("ours");
+        let mut random = Pcg64::seed_from_u64(5);
+        let command_v: Vec<f64> =
+            (0..6000).map(|k| 25.0 * (0.02 * f64::from(k)).sin() + 12.0 * (0.11 * f64::from(k)).sin()).collect();
+        let mut log = Log { dt_s: 5e-5, displacement_m: vec![0.0; 6000], ..Log::default() };
+        log.meta.hold = Hold::Zoh;
+        log.command_v = acting(&command_v);
+        let chain = model.chain();
+        log.displacement_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+        log.displacement_m.iter_mut().for_each(|y| *y += 20e-9 * random.random_range(-1.7..1.7));
+        log.command_v = command_v;
+        (model, log)
+    }
+
+    fn found(model: &Model, log: &Log) -> (Vec<bool>, Option<Applied>) {
+        let chain = model.chain();
+        let bench = Bench::new(model, vec![record(log, &chain, None)]);
+        let predicted_m = predict(&chain, log, &Start::relaxed(&chain), log.len());
+        let residual_m = log.displacement_m.iter().zip(predicted_m).map(|(y, p)| y - p).collect();
+        let walk = Walk::new(&bench, 0, &chain, residual_m).expect("held commands").searched();
+        (walk.is_lost.clone(), judged(vec![walk]))
+    }
+
+    #[test]
+    fn commands_that_never_arrived_are_found_row_by_row() {
+        // Where the commands step by half a volt and more: less would not show.
+        let lost = [300, 301, 910, 1777, 1778, 1779, 2500, 3600, 3620, 4800];
+        let hold = |command_v: &[f64]| {
+            let mut acting = command_v.to_vec();
+            lost.iter().for_each(|&k| acting[k] = acting[k - 1]);
+            acting
+        };
+        let (model, log) = log(hold);
+        let (is_lost, applied) = found(&model, &log);
+        let rows: Vec<usize> = (0..is_lost.len()).filter(|&k| is_lost[k]).collect();
+        assert_eq!(rows, lost);
+        let applied = applied.expect("losses");
+        assert!((applied.share * 6000.0 / 10.0 - 1.0).abs() < 0.5, "{}", applied.share);
+        assert_eq!(applied.logs(std::slice::from_ref(&log))[0].command_v, hold(&log.command_v));
+    }
+
+    #[test]
+    fn what_is_late_slow_or_whole_lost_nothing() {
+        let late = |by: f64| {
+            move |command_v: &[f64]| -> Vec<f64> {
+                (0..command_v.len())
+                    .map(|k| command_v[k] + by * (command_v[k.saturating_sub(1)] - command_v[k]))
+                    .collect()
+            }
+        };
+        let slow = |command_v: &[f64]| {
+            let mut at_v = 0.0;
+            let step = |v: &f64| {
+                at_v += (v - at_v).clamp(-0.9, 0.9);
+                at_v
+            };
+            command_v.iter().map(step).collect()
+        };
+        let (model, whole) = log(<[f64]>::to_vec);
+        assert!(found(&model, &whole).0.iter().all(|is_lost| !is_lost));
+        for (model, log) in [log(late(0.3)), log(late(1.0)), log(slow)] {
+            assert!(found(&model, &log).1.is_none());
+        }
+    }
+}
