@@ -5,6 +5,7 @@ use super::judge::{AT_NOISE, FREED_BESIDES, Say};
 use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Remainder, Search};
+use super::symmetry::along;
 use plant_sim::effects::{Kind, find};
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
@@ -111,7 +112,7 @@ impl Fits<'_> {
             fits.push(fit);
         }
         // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
-        // bends the nominal numbers as if they were wrong besides.
+        // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
         for fit in fits.iter_mut().take(finalists) {
@@ -120,6 +121,10 @@ impl Fits<'_> {
             if is_above || is_bent {
                 (self.say)("polishing", 0.6);
                 *fit = self.search.polish(fit.clone());
+                let numbers = along(self.search.bench, &self.refit.found);
+                if let Some(numbers) = numbers.filter(|_| self.left(fit) > WELL) {
+                    *fit = self.search.polish_from(fit.clone(), &numbers);
+                }
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));

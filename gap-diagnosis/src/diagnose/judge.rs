@@ -7,7 +7,7 @@ use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Search};
 use super::spread::{Scattered, scattered};
-use super::symmetry::{Freed, freed};
+use super::symmetry::{Freed, along, freed};
 use plant_sim::effects::{Effect, Form, find};
 
 /// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
@@ -115,6 +115,9 @@ pub type Say<'a> = &'a (dyn Fn(&str, f64) + Sync);
 pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<'_>) -> Course {
     say("refitting the nominal plant", 0.02);
     let mut refit = search.refit(freedom);
+    if let Some(numbers) = along(search.bench, &refit.found).filter(|_| refit.found.prior_cost > BENT_COST) {
+        refit = search.polish_from(refit, &numbers);
+    }
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
     for attempt in 0..RESTARTS {

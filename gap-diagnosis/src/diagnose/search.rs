@@ -146,9 +146,19 @@ impl Search<'_> {
 
     /// The candidate again, its nominal numbers put back at nominal; the better of both.
     pub fn polish(&self, candidate: Candidate) -> Candidate {
+        self.again(candidate, &vec![0.0; self.bench.free.len()], &STAGES)
+    }
+
+    /// The candidate again, its nominal numbers put at `numbers`, which are not far off; the better of both.
+    pub fn polish_from(&self, candidate: Candidate, numbers: &[f64]) -> Candidate {
+        // Earlier stages would pull them back to nominal.
+        self.again(candidate, numbers, &LAST_STAGES)
+    }
+
+    fn again(&self, candidate: Candidate, numbers: &[f64], stages: &[f64]) -> Candidate {
         let mut z = candidate.found.z.clone();
-        z[..self.bench.free.len()].fill(0.0);
-        let again = self.descend(&candidate.hypothesis, z, &STAGES);
+        z[..self.bench.free.len()].copy_from_slice(numbers);
+        let again = self.descend(&candidate.hypothesis, z, stages);
         if total(&again) < total(&candidate) { again } else { candidate }
     }
 

@@ -11,6 +11,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// A time constant below this many samples is instant.
 const INSTANT: f64 = 0.05;
+/// A direction explains a good part of a move if it leaves less than this of it.
+const GOOD_PART: f64 = 0.75;
 
 /// A direction in the nominal numbers, freed.
 #[derive(Clone, Debug)]
@@ -68,6 +70,31 @@ pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<F
         .collect();
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     all
+}
+
+/// Coordinates of the nominal numbers where a payload or a gain would have put them, if one explains a good part of how far `found` has moved
+/// them. What moves them all locks dead zones and capacitances on the way; so distances count as they are, not squared: the few numbers
+/// that went astray are no part of it.
+pub(super) fn along(bench: &Bench<'_>, found: &Found) -> Option<Vec<f64>> {
+    towards(bench, &found.z[..bench.free.len()])
+}
+
+fn towards(bench: &Bench<'_>, z: &[f64]) -> Option<Vec<f64>> {
+    let away = |direction: &DVector<f64>, by: f64| -> f64 {
+        let moved = bench.free.iter().zip(z).zip(direction.iter());
+        moved.map(|((free, z), d)| (z - by * d).abs() / free.prior_sigma).sum()
+    };
+    let mut best: Option<(f64, DVector<f64>)> = None;
+    for (_, _, direction) in directions(bench).into_iter().filter(|(id, ..)| *id != "parameter_error") {
+        for by in z.iter().zip(direction.iter()).filter(|(_, d)| **d != 0.0).map(|(z, d)| z / d) {
+            let left = away(&direction, by);
+            if best.as_ref().is_none_or(|(least, _)| left < *least) {
+                best = Some((left, &direction * by));
+            }
+        }
+    }
+    let whole = away(&DVector::zeros(z.len()), 0.0);
+    best.filter(|(left, _)| *left < GOOD_PART * whole).map(|(_, numbers)| numbers.iter().copied().collect())
 }
 
 /// Inverse covariance of the nominal numbers under the priors. The mass is not among them: what it is off by shifts those along the
@@ -188,6 +215,25 @@ mod tests {
     use super::*;
     use plant_sim::model::Model;
     use std::path::Path;
+
+    /// A payload is seen in numbers of which two have locked one another; numbers that moved each for itself show none.
+    #[test]
+    fn a_payload_is_seen_beside_numbers_that_went_astray() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let bench = Bench::new(&model, Vec::new());
+        let payload = |q: Quantity| if matches!(q, Quantity::DeadZone(_)) { 0.0 } else { -0.27 };
+        let moved = |q: Quantity| match q {
+            Quantity::Capacitance(0) => 0.36,
+            Quantity::DeadZone(0) => -0.5,
+            other => payload(other),
+        };
+        let of = |to: &dyn Fn(Quantity) -> f64| bench.free.iter().map(|f| to(f.quantity)).collect::<Vec<_>>();
+        let found = towards(&bench, &of(&moved)).expect("a direction");
+        assert!(found.iter().zip(of(&payload)).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        let apart: Vec<f64> = (0..bench.free.len()).map(|i| if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
+        assert_eq!(towards(&bench, &apart), None);
+    }
 
     /// A mass that is off by its sigma shifts all numbers along the payload's direction; that costs what one number's sigma costs at the
     /// most, however many numbers it shifts. Any other shift of one number costs its own sigma.
