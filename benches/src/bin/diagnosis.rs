@@ -29,7 +29,10 @@ struct Case {
 
 fn main() {
     println!("seed {SEED}, forms of the develop split, {} entries", effects::REGISTRY.len());
-    println!("{:<26} {:>7} {:>12} {:>12} {:>7} {:>12}  verdict", "bench", "s", "identify s", "diagnose s", "ratio", "simulations");
+    println!(
+        "{:<26} {:>7} {:>12} {:>12} {:>7} {:>12}  verdict",
+        "bench", "s", "identify s", "diagnose s", "ratio", "simulations"
+    );
     let subjects: [&[EffectId]; 6] = [
         &[],
         &[EffectId::Creep],
@@ -70,19 +73,31 @@ fn main() {
         let logs: Vec<Log> = case.logs.iter().map(|log| first(log, share)).collect();
         let (wall_s, found) = timed(|| diagnosed(&case, &logs, &[]));
         let rows: usize = logs.iter().map(Log::len).sum();
-        println!("{rows:>9} rows {wall_s:>8.1} s {:>9} simulations {:>8.1} us a row", found.simulations, 1e6 * wall_s / rows as f64);
+        println!(
+            "{rows:>9} rows {wall_s:>8.1} s {:>9} simulations {:>8.1} us a row",
+            found.simulations,
+            1e6 * wall_s / rows as f64
+        );
     }
     println!("\ncreep, by entries");
     for entries in ENTRIES {
         let others = effects::REGISTRY.iter().map(|effect| effect.id()).filter(|id| *id != "creep");
         let without: Vec<String> = others.skip(entries.saturating_sub(1)).map(str::to_owned).collect();
         let (wall_s, found) = timed(|| diagnosed(&case, &case.logs, &without));
-        println!("{:>9} entries {wall_s:>8.1} s {:>9} simulations", effects::REGISTRY.len() - without.len(), found.simulations);
+        println!(
+            "{:>9} entries {wall_s:>8.1} s {:>9} simulations",
+            effects::REGISTRY.len() - without.len(),
+            found.simulations
+        );
     }
 }
 
 fn name(subject: &[EffectId]) -> String {
-    if subject.is_empty() { "no effect".into() } else { subject.iter().map(|id| id.id()).collect::<Vec<_>>().join(" + ") }
+    if subject.is_empty() {
+        "no effect".into()
+    } else {
+        subject.iter().map(|id| id.id()).collect::<Vec<_>>().join(" + ")
+    }
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
