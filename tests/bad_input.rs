@@ -575,7 +575,7 @@ fn wrong_calls_are_one_line_too() {
     );
     refused(
         "identify --model maxwell @/good.csv --out @/f.toml",
-        "invalid value 'maxwell' for '--model <KIND>' [possible values: phs, linear, bouc-wen, bouc-wen-static, bouc-wen-oscillator, dahl, duhem, maxwell-slip, prandtl-ishlinskii, preisach, krasnoselskii-pokrovskii, transfer-function]; see `hysteron identify --help`",
+        "invalid value 'maxwell' for '--model <KIND>' [possible values: phs, linear, bouc-wen, bouc-wen-static, bouc-wen-oscillator, dahl, duhem, maxwell-slip, prandtl-ishlinskii, preisach, krasnoselskii-pokrovskii, transfer-function]; tip: a similar value exists: 'maxwell-slip'; see `hysteron identify --help`",
     );
     // An argument with line breaks and escapes makes neither.
     let output = hysteron(["simulate\n\u{1b}[31m", "x"]);
