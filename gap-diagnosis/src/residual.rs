@@ -89,7 +89,8 @@ pub fn noise_rms(signal: &[f64]) -> f64 {
     if smallest.is_finite() { smallest } else { 0.0 }
 }
 
-fn median_magnitude(values: &[f64]) -> f64 {
+/// Median of the magnitudes of `values`, of which there must be one.
+pub(crate) fn median_magnitude(values: &[f64]) -> f64 {
     let mut magnitudes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
     let middle = magnitudes.len() / 2;
     *magnitudes.select_nth_unstable_by(middle, f64::total_cmp).1

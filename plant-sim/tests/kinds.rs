@@ -69,9 +69,9 @@ fn law_rate(law: &BoucWen, h: f64, dx: f64) -> f64 {
 
 #[test]
 fn the_bouc_wen_actuator_is_its_equation() {
-    let chain = model("thesis-bouc-wen.toml").chain();
-    let (plant, mut part) = (&chain.plant, chain.parts.transducer.clone().expect("a Bouc-Wen actuator"));
-    let law = *part.law.bouc_wen().expect("a Bouc-Wen law");
+    let model = model("thesis-bouc-wen.toml");
+    let (chain, law) = (model.chain(), model.hysteresis.bouc_wen(model.kind));
+    let (plant, part) = (&chain.plant, chain.parts.transducer.as_ref().expect("a Bouc-Wen actuator"));
     let rates = |[q, w, h]: [f64; 3], v: f64, dv: f64| {
         let force = plant.transduction_c_per_m * v - part.force_n * h;
         let rate = (force - plant.stiffness_n_per_m * q - plant.damping_n_s_per_m * w) / plant.mass_kg;
@@ -173,8 +173,8 @@ fn fitted_operators_replay_the_plant_they_were_fitted_to() {
 
 #[test]
 fn static_mechanics_are_exact() {
-    let chain = model("thesis-bouc-wen-static.toml").chain();
-    let law = *chain.parts.transducer.clone().expect("a transducer").law.bouc_wen().expect("a Bouc-Wen law");
+    let model = model("thesis-bouc-wen-static.toml");
+    let (chain, law) = (model.chain(), model.hysteresis.bouc_wen(model.kind));
     let log = log(Hold::Zoh, RATE_HZ, 500, sweep);
     let ours = predict(&chain, &log, &Start::relaxed(&chain), log.len());
     let (mut h, mut at, mut worst) = (0.0, 0.0, 0.0f64);

@@ -70,7 +70,7 @@ fn main() {
     let case = made(&[EffectId::Creep]);
     println!("\ncreep, by samples");
     for share in SHARES {
-        let logs: Vec<Log> = case.logs.iter().map(|log| first(log, share)).collect();
+        let logs: Vec<Log> = case.logs.iter().map(|log| log.first((share * log.len() as f64) as usize)).collect();
         let (wall_s, found) = timed(|| diagnosed(&case, &logs, &[]));
         let rows: usize = logs.iter().map(Log::len).sum();
         println!(
@@ -113,15 +113,6 @@ fn diagnosed(case: &Case, logs: &[Log], without: &[String]) -> diagnose::Diagnos
 
 fn seconds(logs: &[Log]) -> f64 {
     logs.iter().map(|log| log.len() as f64 * log.dt_s).sum()
-}
-
-/// The beginning of a log.
-fn first(log: &Log, share: f64) -> Log {
-    let rows = (share * log.len() as f64) as usize;
-    let mut first = log.clone();
-    first.command_v.truncate(rows);
-    first.displacement_m.truncate(rows);
-    first
 }
 
 /// A bench with these effects, its files read as a user's would be.

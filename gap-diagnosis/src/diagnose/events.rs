@@ -8,6 +8,7 @@
 use super::bench::Bench;
 use super::judge::Course;
 use super::search::Search;
+use crate::residual::median_magnitude;
 use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::log::{Hold, Log};
 
@@ -166,7 +167,7 @@ impl<'a> Walk<'a> {
         let rows = self.log.len();
         for _ in 0..PASSES {
             let found = self.shares.len();
-            let scatter_m = TO_SIGMA * median(self.left_m.iter().map(|v| v.abs()).collect());
+            let scatter_m = TO_SIGMA * median_magnitude(&self.left_m);
             let unit2 = self.noise2.max(scatter_m * scatter_m);
             for from in (1..rows).step_by(BLOCK) {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
@@ -279,12 +280,6 @@ fn without_slow(values: &[f64], half: usize) -> Vec<f64> {
         (sums[to] - sums[from]) / (to - from) as f64
     };
     values.iter().enumerate().map(|(k, value)| value - mean(k)).collect()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    values.sort_by(f64::total_cmp);
-    values.get(middle).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -106,9 +106,11 @@ pub fn diagnose(
         }
         records
     };
-    let as_logged = Bench::new(plant, records(logs));
-    error::check_plant(&as_logged, true)?;
-    if let Some(held) = &plants::Benches::new(plant, Vec::new(), held_out, options.run_in_s).held {
+    let arrived;
+    let mut bench = Bench::new(plant, records(logs));
+    error::check_plant(&bench, true)?;
+    let mut benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
+    if let Some(held) = &benches.held {
         error::check_plant(held, false)?;
     }
     let freedom = match options.initial {
@@ -118,18 +120,18 @@ pub fn diagnose(
     };
     let simulations = AtomicUsize::new(0);
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
-    let search = Search { bench: &as_logged, simulations: &simulations };
+    let mut search = Search { bench: &bench, simulations: &simulations };
     let mut course = judge::course(&search, freedom, &without, progress);
     let warnings = error::warnings(logs, held_out);
-    // What never arrived is no matter of the plant: everything again with the commands that did.
     let applied = if are_losses_known && course.has_gap() { events::applied(&search, &course) } else { None };
-    let arrived = applied.as_ref().map(|applied| applied.logs(logs));
-    let bench = Bench::new(plant, records(arrived.as_deref().unwrap_or(logs)));
-    let search = Search { bench: &bench, simulations: &simulations };
-    if applied.is_some() {
+    if let Some(applied) = &applied {
+        // What never arrived is no matter of the plant: everything again with the commands that did.
+        arrived = applied.logs(logs);
+        bench = Bench::new(plant, records(&arrived));
+        benches = benches.with_fitted(plant, bench.records.clone());
+        search = Search { bench: &bench, simulations: &simulations };
         course = judge::course(&search, freedom, &without, progress);
     }
-    let benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
     let mut found = answer::answer(&search, &course, &benches, options, applied.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {
         found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);

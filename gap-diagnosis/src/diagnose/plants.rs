@@ -45,13 +45,13 @@ impl<'a> Benches<'a> {
     /// The benches of the fitted `records` and of the `held_out` logs.
     pub fn new(model: &'a Model, records: Vec<Record<'a>>, held_out: &'a [Log], run_in_s: Option<f64>) -> Self {
         let chain = model.chain();
-        let fine = |records: Vec<Record<'a>>| {
-            let mut bench = Bench::new(model, records);
-            bench.chain.parts.is_coarse = false;
-            bench
-        };
         let held = held_out.iter().map(|log| record(log, &chain, run_in_s)).collect::<Vec<_>>();
-        Self { fitted: fine(records), held: (!held.is_empty()).then(|| fine(held)) }
+        Self { fitted: fine(model, records), held: (!held.is_empty()).then(|| fine(model, held)) }
+    }
+
+    /// The same with other fitted `records`.
+    pub fn with_fitted(self, model: &'a Model, records: Vec<Record<'a>>) -> Self {
+        Self { fitted: fine(model, records), ..self }
     }
 
     /// Records of all logs, fitted ones first.
@@ -72,6 +72,12 @@ impl<'a> Benches<'a> {
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
         play_on(held, &variant.hypothesis, &z, true)
     }
+}
+
+fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
+    let mut bench = Bench::new(model, records);
+    bench.chain.parts.is_coarse = false;
+    bench
 }
 
 impl Benches<'_> {

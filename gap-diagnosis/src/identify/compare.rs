@@ -86,7 +86,8 @@ pub fn compare(
 ) -> Result<Comparison, IdentifyError> {
     super::check(logs, options)?;
     let whole_logs = !held_out.is_empty();
-    let fitted: Vec<Log> = if whole_logs { logs.to_vec() } else { logs.iter().map(first_part).collect() };
+    let fitted: Vec<Log> =
+        if whole_logs { logs.to_vec() } else { logs.iter().map(|log| log.first(rows_fitted(log))).collect() };
     let arena = Arena { logs, held_out, options };
     let mut candidates = Vec::new();
     let mut failed = Vec::new();
@@ -162,18 +163,6 @@ pub fn compare(
 
 fn hysterons(n: usize) -> String {
     if n == 1 { "1 hysteron".to_owned() } else { format!("{n} hysterons") }
-}
-
-/// The log without its last part.
-fn first_part(log: &Log) -> Log {
-    let rows = rows_fitted(log);
-    let mut first = log.clone();
-    for column in
-        [Some(&mut first.command_v), Some(&mut first.displacement_m), first.force_n.as_mut()].into_iter().flatten()
-    {
-        column.truncate(rows);
-    }
-    first
 }
 
 fn rows_fitted(log: &Log) -> usize {

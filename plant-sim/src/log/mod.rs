@@ -97,6 +97,17 @@ impl Log {
         self.command_v.is_empty()
     }
 
+    /// Its first `rows` samples, in every column.
+    pub fn first(&self, rows: usize) -> Log {
+        let mut first = self.clone();
+        let Log { reference_m, drive_v, force_n, current_a, temperature_c, limited_by, seq, .. } = &mut first;
+        let optional = [reference_m, drive_v, force_n, current_a, temperature_c, limited_by, seq];
+        optional.into_iter().flatten().for_each(|column| column.truncate(rows));
+        first.command_v.truncate(rows);
+        first.displacement_m.truncate(rows);
+        first
+    }
+
     /// Time of sample `k`, seconds.
     pub fn time_s(&self, k: usize) -> f64 {
         self.time_start_s + k as f64 * self.dt_s

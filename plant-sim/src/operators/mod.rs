@@ -77,11 +77,6 @@ impl Law {
         }
     }
 
-    /// The Bouc-Wen law, if it is one.
-    pub fn bouc_wen(&mut self) -> Option<&mut BoucWen> {
-        if let Law::BoucWen(law) = self { Some(law) } else { None }
-    }
-
     /// h after the relaxed state was left for `at_v` one way.
     pub fn rest(&self, at_v: f64) -> f64 {
         let mut memory = self.operator().relaxed();
