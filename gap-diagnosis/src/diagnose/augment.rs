@@ -237,8 +237,7 @@ impl Augmented {
         let rules = bench.rules(hypothesis);
         let open = |index: &usize| {
             let at = bench.own_start(hypothesis, *index);
-            (at..at + bench.start_count(hypothesis.freedom))
-                .any(|place| self.sigma(place) > UNDETERMINED * rules[place].sigma)
+            (at..at + bench.start_count(hypothesis)).any(|place| self.sigma(place) > UNDETERMINED * rules[place].sigma)
         };
         (0..bench.records.len()).filter(open).map(|index| bench.records[index].log.name.clone()).collect()
     }

@@ -3,7 +3,7 @@
 
 use crate::identify::parameters::{Free, Quantity, Scale};
 use nalgebra::{DMatrix, DVector};
-use plant_sim::chain::{Chain, Parts, Sensor};
+use plant_sim::chain::{Chain, Drive, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
@@ -98,6 +98,8 @@ pub struct Installed {
     pub form: &'static Form,
     /// One axis for each parameter.
     pub axes: Vec<Axis>,
+    /// Hysterons that it adds to the plant: each log begins with what they hold.
+    pub hysterons: usize,
 }
 
 /// One parameter as the search walks it.
@@ -178,9 +180,14 @@ impl Hypothesis {
 
     /// This with one form more.
     pub fn with(&self, effect: &'static dyn Effect, form: &'static Form, scales: &Scales<'_>) -> Self {
-        let axes = (form.parameters)(scales).into_iter().map(Axis::new).collect();
+        let axes: Vec<Axis> = (form.parameters)(scales).into_iter().map(Axis::new).collect();
+        let values: Vec<f64> = axes.iter().filter_map(|axis| axis.starts().first().copied()).collect();
+        let plant = scales.plant.clone();
+        let mut chain = Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL };
+        (form.install)(&mut chain, &values);
+        let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
         let mut installed = self.installed.clone();
-        installed.push(Installed { effect, form, axes });
+        installed.push(Installed { effect, form, axes, hysterons });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, freedom }
     }
@@ -342,8 +349,9 @@ impl<'a> Bench<'a> {
         self.records.iter().any(|record| record.monitor_v.is_some())
     }
 
-    fn hysterons(&self) -> usize {
-        self.chain.plant.hysterons.len()
+    /// Hysterons of the nominal plant and of what `hypothesis` adds.
+    pub(super) fn hysterons(&self, hypothesis: &Hypothesis) -> usize {
+        self.chain.plant.hysterons.len() + hypothesis.installed.iter().map(|i| i.hysterons).sum::<usize>()
     }
 
     /// Coordinates that all logs share.
@@ -353,18 +361,18 @@ impl<'a> Bench<'a> {
     }
 
     /// Coordinates of a log's start.
-    pub(super) fn start_count(&self, freedom: Freedom) -> usize {
-        match freedom {
+    pub(super) fn start_count(&self, hypothesis: &Hypothesis) -> usize {
+        match hypothesis.freedom {
             Freedom::Relaxed => 0,
-            Freedom::Rest => 1 + self.hysterons(),
-            Freedom::Any => 3 + self.hysterons(),
+            Freedom::Rest => 1 + self.hysterons(hypothesis),
+            Freedom::Any => 3 + self.hysterons(hypothesis),
         }
     }
 
     /// Coordinates of each log.
     pub fn own(&self, hypothesis: &Hypothesis) -> usize {
         let own = |axis: &&Axis| axis.parameter.per_log;
-        self.start_count(hypothesis.freedom)
+        self.start_count(hypothesis)
             + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
     }
 
@@ -387,7 +395,7 @@ impl<'a> Bench<'a> {
     /// Where each axis of the hypothesis sits: for log `index`, the coordinates of its axes, form by form.
     pub fn places(&self, hypothesis: &Hypothesis, index: usize) -> Vec<Vec<usize>> {
         let mut shared = self.free.len();
-        let mut own = self.own_start(hypothesis, index) + self.start_count(hypothesis.freedom);
+        let mut own = self.own_start(hypothesis, index) + self.start_count(hypothesis);
         let place = |axis: &Axis| {
             let next = if axis.parameter.per_log { &mut own } else { &mut shared };
             *next += 1;
@@ -424,7 +432,7 @@ impl<'a> Bench<'a> {
                 rules[at] = Rule { centre: before_v, sigma: sigma_v, bounds, most: self.drive_v, step };
             }
             if hypothesis.freedom == Freedom::Any {
-                for rule in &mut rules[at + 1..at + 3 + self.hysterons()] {
+                for rule in &mut rules[at + 1..at + 3 + self.hysterons(hypothesis)] {
                     (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
                 }
             }
@@ -488,18 +496,18 @@ impl<'a> Bench<'a> {
     pub fn start_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize, chain: &Chain) -> Start {
         let own = &z[self.own_start(hypothesis, index)..];
         let hysterons = &chain.plant.hysterons;
-        let nominal = self.hysterons();
+        let count = hysterons.len().min(self.hysterons(hypothesis));
         let mut held_v = vec![0.0; hysterons.len()];
         let before_v = match hypothesis.freedom {
             Freedom::Relaxed => return Start::at_rest(chain, self.records[index].before_v[0], held_v),
             Freedom::Rest => {
-                for i in 0..nominal {
+                for i in 0..count {
                     held_v[i] = hysterons[i].edge_v() * own[1 + i].tanh();
                 }
                 own[0]
             }
             Freedom::Any => {
-                for i in 0..nominal {
+                for i in 0..count {
                     held_v[i] = hysterons[i].edge_v() * own[1 + i];
                 }
                 own[0]
@@ -508,8 +516,8 @@ impl<'a> Bench<'a> {
         let mut start = Start::at_rest(chain, before_v, held_v);
         if hypothesis.freedom == Freedom::Any {
             let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
-            start.state.displacement_m += 0.1 * self.stroke_m * own[1 + nominal];
-            start.state.velocity_m_per_s += 0.1 * self.stroke_m * turning_per_s * own[2 + nominal];
+            start.state.displacement_m += 0.1 * self.stroke_m * own[1 + count];
+            start.state.velocity_m_per_s += 0.1 * self.stroke_m * turning_per_s * own[2 + count];
         }
         start
     }

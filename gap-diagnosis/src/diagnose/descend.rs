@@ -107,7 +107,7 @@ fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule]) -> Vec<Rule>
     let mut held = rules.to_vec();
     for index in 0..bench.records.len() {
         let at = bench.own_start(hypothesis, index);
-        for rule in &mut held[at..at + bench.start_count(hypothesis.freedom)] {
+        for rule in &mut held[at..at + bench.start_count(hypothesis)] {
             rule.sigma *= HELD;
         }
     }

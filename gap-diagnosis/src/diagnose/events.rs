@@ -126,19 +126,19 @@ struct Stretch {
 }
 
 impl<'a> Walk<'a> {
-    /// `None` for logs whose command isn't held, or whose drive was seen.
+    /// `None` for logs whose command isn't held, or whose drive was seen, and for a plant whose play lets no pulse through.
     fn new(bench: &Bench<'a>, index: usize, chain: &Chain, residual_m: Vec<f64>) -> Option<Self> {
         let record = &bench.records[index];
         let log = record.log;
         if log.meta.hold != Hold::Zoh || log.drive_v.is_some() {
             return None;
         }
-        let pulse_m = pulse(chain, log.dt_s, log.meta.latency_s);
+        let pulse_m = pulse(chain, log.dt_s, log.meta.latency_s)?;
         let ahead = pulse_m.len();
         let mut echo_m = vec![0.0; 3 * ahead];
         echo_m[ahead..2 * ahead].copy_from_slice(&pulse_m);
         let echo_m = without_slow(&echo_m, ahead);
-        let shifted = |by: usize| echo_m[by..].iter().zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
+        let shifted = |by: usize| echo_m.iter().skip(by).zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
         let products_m2 = (0..IN_A_ROW).map(shifted).collect();
         let left_m = without_slow(&residual_m, ahead);
         Some(Self {
@@ -252,7 +252,8 @@ impl<'a> Walk<'a> {
 }
 
 /// What one volt over one sample makes of the displacement from that row on, until it has died away; metres per volt.
-fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Vec<f64> {
+/// `None` where nothing comes through.
+fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Option<Vec<f64>> {
     let play = |volts: f64| {
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         let reading = |k: usize| {
@@ -264,9 +265,9 @@ fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Vec<f64> {
     };
     let mut pulse_m: Vec<f64> = play(1.0).iter().zip(play(0.0)).map(|(with, without)| with - without).collect();
     let peak_m = pulse_m.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    let end = pulse_m.iter().rposition(|v| v.abs() > ECHO_ENDS * peak_m).map_or(1, |last| last + 1);
-    pulse_m.truncate(end);
-    pulse_m
+    let last = pulse_m.iter().rposition(|v| v.abs() > ECHO_ENDS * peak_m)?;
+    pulse_m.truncate(last + 1);
+    Some(pulse_m)
 }
 
 /// `values` less their mean over `half` rows to either side.
@@ -307,6 +308,16 @@ mod tests {
         log.displacement_m.iter_mut().for_each(|y| *y += 20e-9 * random.random_range(-1.7..1.7));
         log.command_v = command_v;
         (model, log)
+    }
+
+    #[test]
+    fn a_play_that_swallows_a_pulse_says_nothing_of_losses() {
+        let (model, log) = log(<[f64]>::to_vec);
+        let mut chain = model.chain();
+        chain.sensor.play_m = 2e-6;
+        assert_eq!(pulse(&chain, log.dt_s, log.meta.latency_s), None);
+        let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
+        assert!(Walk::new(&bench, 0, &chain, vec![0.0; log.len()]).is_none());
     }
 
     fn found(model: &Model, log: &Log) -> (Vec<bool>, Option<Applied>) {

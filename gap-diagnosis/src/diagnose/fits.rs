@@ -21,6 +21,11 @@ const MOST_FITS: usize = 6;
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
 /// An entry whose fit leaves more than this is tried in its other forms as well.
 const WELL: f64 = 0.01;
+/// .. if the screening promised this share of the same from them; so many at most.
+const AS_PROMISING: f64 = 0.6;
+const MOST_OTHERS: usize = 3;
+/// A fit that leaves so many times what the screening promised is tried from elsewhere.
+const MUCH_MORE: f64 = 2.0;
 /// A single explanation that leaves more than this invites a second effect.
 pub(super) const PAIR_BEYOND: f64 = 0.06;
 /// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
@@ -128,7 +133,7 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
-        fits
+        self.rivals(fits, leads)
     }
 
     /// The state at the start as a lead, if much of what is left lies there: no direction shows how much of it a start explains.
@@ -143,19 +148,53 @@ impl Fits<'_> {
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
     fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
-        let mut fit = self.search.extend(self.refit, lead, true);
-        let is_other = |l: &&Lead| l.effect.id() == lead.effect.id() && l.form.name != lead.form.name;
-        for other in leads.iter().filter(is_other).filter(|other| other.gain > 0.6 * lead.gain).take(3) {
+        let mut fit = self.from_lead(lead);
+        for other in
+            others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
+        {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
-            let next = self.search.extend(self.refit, other, true);
-            if next.chi < fit.chi {
-                fit = next;
-            }
+            fit = better(fit, self.from_lead(other));
         }
         fit
     }
+
+    /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
+    fn from_lead(&self, lead: &Lead) -> Candidate {
+        let fit = self.search.extend(self.refit, lead, true);
+        let promised = (1.0 - lead.share).max(0.0).sqrt();
+        if fit.chi < AT_NOISE || self.left(&fit) < MUCH_MORE * promised.max(WELL) {
+            return fit;
+        }
+        better(fit, self.search.extend(self.refit, lead, false))
+    }
+
+    /// Where the best fit is at the noise, rivals that came as near in one of their forms are fitted in the others: which of them is
+    /// named must not hang on a form that the screening could not tell from the next.
+    fn rivals(&self, mut fits: Vec<Candidate>, leads: &[Lead]) -> Vec<Candidate> {
+        let Some(least) = fits.first().map(|best| best.chi).filter(|chi| *chi < AT_NOISE) else { return fits };
+        for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE && fit.left(self.refit, least) > WELL) {
+            let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
+            let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
+                continue;
+            };
+            for other in others(own.0, own.1, leads).filter(|other| other.gain > AS_PROMISING * gain) {
+                *fit = better(fit.clone(), self.from_lead(other));
+            }
+        }
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        fits
+    }
+}
+
+/// Leads of the same effect in other forms, a few of them.
+fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead]) -> impl Iterator<Item = &'l Lead> {
+    leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form).take(MOST_OTHERS)
+}
+
+fn better(one: Candidate, other: Candidate) -> Candidate {
+    if other.chi < one.chi { other } else { one }
 }
 
 /// The leads that are worth a fit, one for each effect.

@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Rows that the chains run ahead before their differences are added up; a multiple of every thinning.
 pub(super) const CHUNK: usize = 4096;
+/// What a plant that is no number any more is taken to be off by in each row: more than any that is one.
+const RUN_AWAY_M: f64 = 1.0;
 
 /// Sums over the fitted rows of one log.
 #[derive(Clone, Debug)]
@@ -22,6 +24,13 @@ pub struct Sums {
     pub squares_m2: f64,
     /// Fitted rows.
     pub rows: usize,
+}
+
+impl Sums {
+    /// Of no rows, for `count` coordinates.
+    fn of(count: usize) -> Self {
+        Self { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 }
+    }
 }
 
 /// Sums of all logs at one point.
@@ -207,8 +216,7 @@ pub fn evaluate(
         let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
-        let mut sums =
-            Sums { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 };
+        let mut sums = Sums::of(count);
         let n = bench.records[index].log.len();
         for from in (0..n).step_by(CHUNK) {
             let chunk = lockstep.next(from, CHUNK.min(n - from));
@@ -219,6 +227,10 @@ pub fn evaluate(
                 sums.products.gemm_tr(lockstep.thin as f64, &matrix, &matrix, 1.0);
                 sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(chunk.residuals_m), 1.0);
             }
+        }
+        if !sums.squares_m2.is_finite() {
+            // A spring that softens without end lets go: a plant that has run away is no explanation, and no number to reckon with.
+            sums = Sums { squares_m2: RUN_AWAY_M * RUN_AWAY_M * n as f64, rows: n, ..Sums::of(count) };
         }
         sums
     };

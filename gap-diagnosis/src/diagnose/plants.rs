@@ -2,7 +2,7 @@
 //!
 //! A log that no fit has seen gives one thing away: its start, from its first stretch, which is then not scored.
 
-use super::bench::{Bench, Hypothesis, Installed, Record, add_priors};
+use super::bench::{Bench, Freedom, Hypothesis, Installed, Record, add_priors};
 use super::normal::reader;
 use super::records::record;
 use nalgebra::{DMatrix, DVector};
@@ -15,6 +15,8 @@ pub(super) const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
+/// Hysterons of which every corner is tried.
+const MOST_CORNERS: usize = 3;
 /// Steps of that fit at most, and halvings of a step.
 const STEPS: usize = 8;
 const HALVINGS: usize = 5;
@@ -156,9 +158,13 @@ pub(super) fn carry(
             }
         }
         if same {
-            let count = here.start_count(from.freedom).min(there.start_count(to.freedom));
-            let (at, to) = (here.own_start(from, index), there.own_start(to, index));
-            carried[to..to + count].copy_from_slice(&z[at..at + count]);
+            let (at, into) = (here.own_start(from, index), there.own_start(to, index));
+            let (old, new) = (here.start_count(from), there.start_count(to));
+            let held = old.min(new).min(1 + here.hysterons(from).min(there.hysterons(to)));
+            carried[into..into + held].copy_from_slice(&z[at..at + held]);
+            if [from.freedom, to.freedom] == [Freedom::Any; 2] {
+                carried[into + new - 2..into + new].copy_from_slice(&z[at + old - 2..at + old]);
+            }
         }
     }
     carried
@@ -167,31 +173,54 @@ pub(super) fn carry(
 /// Fits the start of log `index` to its first stretch, everything else held. Where rest does not lead to the noise, each hysteron in
 /// turn starts near either edge as well: dead zones make valleys of their own.
 pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
-    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis.freedom));
-    if count == 0 {
+    let hysterons = bench.hysterons(hypothesis);
+    let mut edges = vec![vec![0.0; hysterons]];
+    for hysteron in 0..hysterons {
+        for edge in [-NEAR_EDGE, NEAR_EDGE] {
+            edges.push((0..hysterons).map(|i| if i == hysteron { edge } else { 0.0 }).collect());
+        }
+    }
+    settle_among(bench, hypothesis, z, index, &edges);
+}
+
+/// The same where that has led astray: from every corner of the hysterons' edges, few as they are, and from between them.
+pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let mut edges: Vec<Vec<f64>> = vec![Vec::new()];
+    for hysteron in 0..bench.hysterons(hypothesis) {
+        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
+        let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
+        edges = edges.into_iter().flat_map(with).collect();
+    }
+    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
+    z[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
+    settle_among(bench, hypothesis, z, index, &edges);
+}
+
+/// The best of the descents from each of `edges` (one number for each hysteron, added to its coordinate), until one is at the noise.
+fn settle_among(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize, edges: &[Vec<f64>]) {
+    if bench.start_count(hypothesis) == 0 {
         return;
     }
-    let rest = z.to_vec();
-    let mut least2 = settle_from(bench, hypothesis, z, index);
-    for coordinate in at + 1..at + count.min(1 + bench.chain.plant.hysterons.len()) {
-        for edge in [-NEAR_EDGE, NEAR_EDGE] {
-            if least2.sqrt() < SETTLED * bench.records[index].noise_m {
-                return;
-            }
-            let mut there = rest.clone();
-            there[coordinate] += edge;
-            let mean2 = settle_from(bench, hypothesis, &mut there, index);
-            if mean2 < least2 {
-                least2 = mean2;
-                z.copy_from_slice(&there);
-            }
+    let first = bench.own_start(hypothesis, index) + 1;
+    let from = z.to_vec();
+    let mut least2 = f64::INFINITY;
+    for edges in edges {
+        let mut there = from.clone();
+        there[first..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
+        let mean2 = settle_from(bench, hypothesis, &mut there, index);
+        if mean2 < least2 {
+            least2 = mean2;
+            z.copy_from_slice(&there);
+        }
+        if least2.sqrt() < SETTLED * bench.records[index].noise_m {
+            return;
         }
     }
 }
 
 /// One descent of [`settle`] from `z`; the mean square that it ends with.
 fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) -> f64 {
-    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis.freedom));
+    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
     let record = &bench.records[index];
     let upto = scored_from(record).max(record.run_in + 16).min(record.log.len());
     let rules = &bench.rules(hypothesis)[at..at + count];

@@ -23,8 +23,9 @@ const ROUGH: f64 = 1.2;
 const MONITOR_ACCURACY: f64 = 2e-3;
 /// The stated noise is believed if it is above what differences show by no more than this many of its sigma.
 const STATED_SIGMAS: f64 = 3.0;
-/// Rows that a reading must not repeat by chance: with digits of its own, a noisy reading never does.
+/// Rows that a reading must not repeat by chance, beyond so many times what chance makes.
 const LEAST_REPEATS: usize = 3;
+const MORE_THAN_CHANCE: f64 = 4.0;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
@@ -42,7 +43,7 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         run_in,
         noise_m: noise_m.max(LEAST_NOISE_M),
         lattice_m,
-        is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m) },
+        is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m, noise_m.max(LEAST_NOISE_M)) },
         before_v: before(log, chain),
         stretch: (log.len() / STRETCHES).max(16),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
@@ -52,10 +53,16 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     }
 }
 
-/// Rows that repeat the one before, if there are too many for chance.
-fn lost(readings_m: &[f64]) -> Vec<bool> {
+/// Rows that repeat the one before, if there are too many for chance: noise takes a reading back to where it was once in a while, the
+/// more often the fewer digits are written.
+fn lost(readings_m: &[f64], noise_m: f64) -> Vec<bool> {
     let repeats = |pair: &[f64]| pair[0] == pair[1];
-    if readings_m.windows(2).filter(|pair| repeats(pair)).count() < LEAST_REPEATS {
+    let changes = readings_m.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let digit_m = changes.filter(|change| *change > 0.0).fold(noise_m, f64::min);
+    // The density of the difference of two normal readings at zero.
+    let by_chance = readings_m.len() as f64 * digit_m / (2.0 * std::f64::consts::PI.sqrt() * noise_m);
+    let count = readings_m.windows(2).filter(|pair| repeats(pair)).count();
+    if (count as f64) < LEAST_REPEATS as f64 + MORE_THAN_CHANCE * by_chance {
         return Vec::new();
     }
     std::iter::once(false).chain(readings_m.windows(2).map(repeats)).collect()
@@ -129,10 +136,21 @@ mod tests {
             repeats.iter().for_each(|k| all[*k] = all[k - 1]);
             all
         };
-        let rows = |all: &[f64]| lost(all).iter().enumerate().filter(|(_, l)| **l).map(|(k, _)| k).collect::<Vec<_>>();
+        let rows =
+            |all: &[f64]| lost(all, 30.0).iter().enumerate().filter(|(_, l)| **l).map(|(k, _)| k).collect::<Vec<_>>();
         assert_eq!(rows(&readings(&[5, 40])), [0; 0]);
         // A run repeats its first row.
         assert_eq!(rows(&readings(&[5, 40, 41, 42])), [5, 40, 41, 42]);
+    }
+
+    #[test]
+    fn few_digits_repeat_by_themselves() {
+        // Uniform noise of a thousand digits, the same every time.
+        let noise = |k: u64| (k.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407) >> 33) % 1000;
+        let all: Vec<f64> = (0..20_000).map(|k| 1e-12 * noise(k * k) as f64).collect();
+        let repeats = all.windows(2).filter(|pair| pair[0] == pair[1]).count();
+        assert!(repeats > 5, "{repeats}: the readings are to repeat");
+        assert_eq!(lost(&all, 289e-12), Vec::<bool>::new());
     }
 
     #[test]

@@ -4,13 +4,17 @@ use super::bench::{Bench, Freedom, Hypothesis};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::lines::resonances;
 use super::normal::{Sensitivities, evaluate, reader};
-use super::plants::{carry, settle};
+use super::plants::{carry, settle, settle_anew};
 use super::screen::{Lead, screen};
 use plant_sim::effects::Kind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::sync::atomic::AtomicUsize;
+
+/// A log is locked if its mean square, in units of the noise, is beyond this, and so many times that of the log in the middle.
+const LOCKED_LEAST: f64 = 1.3;
+const LOCKED: f64 = 2.0;
 
 /// A hypothesis, fitted.
 #[derive(Clone)]
@@ -64,7 +68,28 @@ impl Search<'_> {
 
     fn descend(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64]) -> Candidate {
         let found = descend(self.bench, hypothesis, z, stages, self.simulations);
-        self.candidate(hypothesis.clone(), found)
+        self.unlocked(self.candidate(hypothesis.clone(), found))
+    }
+
+    /// The candidate, or the better one that begins where the logs that it fits worst by far start anew: hysterons forget nothing, and a
+    /// start that went astray locks its log, whatever the plant.
+    fn unlocked(&self, candidate: Candidate) -> Candidate {
+        let weights = noise_weights(self.bench);
+        let logs = candidate.found.normal.logs.iter().zip(&weights);
+        let chis: Vec<f64> = logs.map(|(log, w)| w * log.squares_m2 / log.rows.max(1) as f64).collect();
+        let mut sorted = chis.clone();
+        sorted.sort_by(f64::total_cmp);
+        let limit = LOCKED_LEAST.max(LOCKED * sorted[(sorted.len() - 1) / 2]);
+        let mut z = candidate.found.z.clone();
+        for index in (0..chis.len()).filter(|index| chis[*index] > limit) {
+            settle_anew(self.bench, &candidate.hypothesis, &mut z, index);
+        }
+        if z == candidate.found.z {
+            return candidate;
+        }
+        let found = descend(self.bench, &candidate.hypothesis, z, &LAST_STAGES, self.simulations);
+        let again = self.candidate(candidate.hypothesis.clone(), found);
+        if total(&again) < total(&candidate) { again } else { candidate }
     }
 
     /// The nominal plant, refitted under its priors.

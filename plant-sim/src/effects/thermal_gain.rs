@@ -28,7 +28,8 @@ const REFERENCE_V2_PER_S: f64 = 2.0 * 100.0 * REFERENCE_V * REFERENCE_V;
 /// A coefficient for a heat whose largest value is `heat`, and the time constant.
 fn parameters(scales: &Scales<'_>, heat: f64) -> Vec<Parameter> {
     let longest_s = scales.longest_s;
-    let coefficient = Parameter::signed("coefficient", "", 0.5 / heat, 0.02 / heat);
+    // Logs shorter than the time constant see a small part of a large change.
+    let coefficient = Parameter::signed("coefficient", "", 5.0 / heat, 0.02 / heat);
     let bounds = [0.02 * longest_s, 20.0 * longest_s];
     vec![coefficient, Parameter::shape("time_constant_s", "s", bounds, spaced(0.05 * longest_s, 5.0 * longest_s, 4))]
 }
