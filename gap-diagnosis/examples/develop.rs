@@ -67,6 +67,13 @@ fn main() {
                     1e9 * (sums.squares_m2 / sums.rows as f64).sqrt()
                 );
             }
+            for e in found.explanations.iter().take(4) {
+                println!(
+                    "    z {:?} {}",
+                    e.judged.ids,
+                    e.candidate.found.z.iter().map(|z| format!("{z:.3}")).collect::<Vec<_>>().join(" ")
+                );
+            }
             if let Some(best) = found.explanations.first() {
                 for (record, sums) in bench.records.iter().zip(&best.candidate.found.normal.logs) {
                     println!(

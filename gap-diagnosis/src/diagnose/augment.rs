@@ -8,7 +8,6 @@ use super::random::Random;
 use super::search::{Candidate, Search};
 use super::symmetry::directions;
 use crate::identify::parameters::{Quantity, Scale};
-use crate::residual::samples_per_independent;
 use nalgebra::DMatrix;
 use plant_sim::effects::find;
 use plant_sim::model::Model;
@@ -78,14 +77,14 @@ pub(super) fn augment(
     let freed = named.and_then(|explanation| explanation.freed.as_ref());
     let Some(freed) = freed else {
         let found = &base.found;
-        let covariance = covariance(bench, &base.hypothesis, found, &independent_weights(search, base));
+        let covariance = covariance(bench, &base.hypothesis, found, &search.independent_weights(base));
         let variant = Variant { hypothesis: base.hypothesis.clone(), z: found.z.clone(), starts_known: true };
         return Augmented { variant, covariance, wrong: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
         let found = descend(bench, &hypothesis, z, &AGAIN, search.simulations);
         let candidate = Candidate { hypothesis, found, ..base.clone() };
-        let weights = independent_weights(&Search { bench, simulations: search.simulations }, &candidate);
+        let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
         let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
         Augmented { variant, covariance, wrong: freed.quantity, random }
@@ -109,22 +108,6 @@ pub(super) fn augment(
     }
     let records: Vec<Record<'_>> = bench.records.clone();
     again(&Bench::new(&model, records), base.hypothesis.clone(), base.found.z.clone())
-}
-
-/// One over the variance that a row counts with: that of the residual times the rows that make one independent.
-fn independent_weights(search: &Search<'_>, candidate: &Candidate) -> Vec<f64> {
-    let remainders = search.play(candidate);
-    search
-        .bench
-        .records
-        .iter()
-        .zip(&remainders)
-        .map(|(record, remainder)| {
-            let residual_m = &remainder.residual_m[record.run_in..];
-            let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
-            1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(residual_m))
-        })
-        .collect()
 }
 
 impl Augmented {

@@ -14,6 +14,10 @@ use std::f64::consts::TAU;
 const SIGMA: f64 = 0.02;
 /// Farthest that a nominal number may move, as a natural logarithm.
 const BOUND: f64 = 1.5;
+/// What a hysteron may hold at rest in any case, as a share of its edge.
+const LEAST_REACH: f64 = 0.1;
+/// Width of what a hysteron holds that only motions near the rig's end fill, as atanh of a share of the most; one for the others.
+const SELDOM: f64 = 0.5;
 /// Thinnings that are tried, and the rows that the plant's own period keeps.
 const FACTORS: [usize; 2] = [4, 2];
 const ROWS_PER_PERIOD: f64 = 6.0;
@@ -430,6 +434,9 @@ impl<'a> Bench<'a> {
                 let bounds = [before_v - 3.0 * self.drive_v, before_v + 3.0 * self.drive_v];
                 let step = 1e-4 * self.drive_v;
                 rules[at] = Rule { centre: before_v, sigma: sigma_v, bounds, most: self.drive_v, step };
+                for i in (0..self.hysterons(hypothesis)).filter(|i| self.reach(*i, before_v) < 1.0) {
+                    rules[at + 1 + i].sigma = SELDOM;
+                }
             }
             if hypothesis.freedom == Freedom::Any {
                 for rule in &mut rules[at + 1..at + 3 + self.hysterons(hypothesis)] {
@@ -492,6 +499,16 @@ impl<'a> Bench<'a> {
         chain
     }
 
+    /// What hysteron `i` may hold at rest under `rest_v`, as a share of its edge: no more than is left when a motion as far as the rig
+    /// goes has driven it over its edge and has come back.
+    fn reach(&self, i: usize, rest_v: f64) -> f64 {
+        let plant = &self.chain.plant;
+        let (Some(rig), Some(hysteron)) = (&self.model.rig, plant.hysterons.get(i)) else { return 1.0 };
+        let way_m = rig.displacement_max_um.value * 1e-6 + (plant.static_gain_m_per_v() * rest_v).abs();
+        let closed_v = plant.transduction_c_per_m * way_m / hysteron.capacitance_f;
+        (closed_v / hysteron.edge_v() - 1.0).clamp(LEAST_REACH, 1.0)
+    }
+
     /// The start of log `index`.
     pub fn start_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize, chain: &Chain) -> Start {
         let own = &z[self.own_start(hypothesis, index)..];
@@ -502,7 +519,7 @@ impl<'a> Bench<'a> {
             Freedom::Relaxed => return Start::at_rest(chain, self.records[index].before_v[0], held_v),
             Freedom::Rest => {
                 for i in 0..count {
-                    held_v[i] = hysterons[i].edge_v() * own[1 + i].tanh();
+                    held_v[i] = self.reach(i, own[0]) * hysterons[i].edge_v() * own[1 + i].tanh();
                 }
                 own[0]
             }

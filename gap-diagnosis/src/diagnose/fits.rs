@@ -174,7 +174,7 @@ impl Fits<'_> {
     /// named must not hang on a form that the screening could not tell from the next.
     fn rivals(&self, mut fits: Vec<Candidate>, leads: &[Lead]) -> Vec<Candidate> {
         let Some(least) = fits.first().map(|best| best.chi).filter(|chi| *chi < AT_NOISE) else { return fits };
-        for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE && fit.left(self.refit, least) > WELL) {
+        for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE && fit.chi > least) {
             let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
             let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
                 continue;

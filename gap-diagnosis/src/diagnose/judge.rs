@@ -114,6 +114,21 @@ pub type Say<'a> = &'a (dyn Fn(&str, f64) + Sync);
 /// Runs the course.
 pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<'_>) -> Course {
     say("refitting the nominal plant", 0.02);
+    let refit = refitted(search, freedom);
+    let course = explain(search, refit, without, say);
+    let best = course.explanations.iter().map(|e| &e.candidate).min_by(|a, b| a.chi.total_cmp(&b.chi));
+    let shows_better = |fit: &&Candidate| {
+        fit.left(&course.refit, 1.0) < MUCH_BETTER && !fit.hypothesis.installed.is_empty() && has_gap(&course.refit)
+    };
+    let again = best.filter(shows_better).map(|fit| search.refit_again(&course.refit, fit));
+    match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {
+        Some(refit) => explain(search, refit, without, say),
+        None => course,
+    }
+}
+
+/// The refit, from as many starts as it needs.
+pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     let mut refit = search.refit(freedom);
     if let Some(numbers) = along(search.bench, &refit.found).filter(|_| refit.found.prior_cost > BENT_COST) {
         refit = search.polish_from(refit, &numbers);
@@ -127,19 +142,10 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
         }
         refit = search.refit_elsewhere(refit, attempt);
     }
-    let course = explain(search, refit, without, say);
-    let best = course.explanations.iter().map(|e| &e.candidate).min_by(|a, b| a.chi.total_cmp(&b.chi));
-    let shows_better = |fit: &&Candidate| {
-        fit.left(&course.refit, 1.0) < MUCH_BETTER && !fit.hypothesis.installed.is_empty() && has_gap(&course.refit)
-    };
-    let again = best.filter(shows_better).map(|fit| search.refit_again(&course.refit, fit));
-    match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {
-        Some(refit) => explain(search, refit, without, say),
-        None => course,
-    }
+    refit
 }
 
-fn has_gap(refit: &Candidate) -> bool {
+pub(super) fn has_gap(refit: &Candidate) -> bool {
     refit.chi - 1.0 > LEAST_GAP.powi(2) || refit.worst_chi - 1.0 > LEAST_GAP_OF_LOG.powi(2)
 }
 
@@ -152,7 +158,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // Least fraction that a comparison of fits resolves.
     let floor = (RESOLVED / (refit.rows() as f64 * excess.max(1e-9))).sqrt().min(1.0);
     if !has_gap(&refit) {
-        let freed = freed(bench, &refit.hypothesis, &refit.found);
+        let freed = freed(search, &refit);
         // Only the cost of the shifts speaks, and it is a proper chi-square; what the mass is off by is a shift as well.
         let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
         let explanations = by_symmetry(freed, &refit, 0.0, floor, without, FREED_LEAST);
@@ -191,7 +197,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
     let rest = (excess / whole.max(excess)).sqrt();
     if rest < NEARLY_ALL && refit.found.prior_cost > FREED_FIRST {
-        let freed = freed(bench, &refit.hypothesis, &refit.found);
+        let freed = freed(search, &refit);
         let pays = |freed: &Freed| freed.cost < PAYS_FOR_ALL * freed.cost_without;
         let freed = freed.into_iter().filter(pays).collect();
         explanations.extend(by_symmetry(freed, &refit, rest, floor, without, FREED_FIRST));
@@ -199,7 +205,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them.
     if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < FOUND) {
-        let freed = freed(bench, &best.hypothesis, &best.found);
+        let freed = freed(search, best);
         explanations.extend(by_symmetry(freed, best, left, floor, without, FREED_BESIDES));
     }
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();

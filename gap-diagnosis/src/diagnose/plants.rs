@@ -170,41 +170,16 @@ pub(super) fn carry(
     carried
 }
 
-/// Fits the start of log `index` to its first stretch, everything else held. Where rest does not lead to the noise, each hysteron in
-/// turn starts near either edge as well: dead zones make valleys of their own.
+/// Fits the start of log `index` to its first stretch, everything else held. Where its coordinates as they are do not lead to the noise,
+/// each hysteron in turn starts near either edge as well, then several do: dead zones make valleys of their own.
 pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
-    let hysterons = bench.hysterons(hypothesis);
-    let mut edges = vec![vec![0.0; hysterons]];
-    for hysteron in 0..hysterons {
-        for edge in [-NEAR_EDGE, NEAR_EDGE] {
-            edges.push((0..hysterons).map(|i| if i == hysteron { edge } else { 0.0 }).collect());
-        }
-    }
-    settle_among(bench, hypothesis, z, index, &edges);
-}
-
-/// The same where that has led astray: from every corner of the hysterons' edges, few as they are, and from between them.
-pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
-    let mut edges: Vec<Vec<f64>> = vec![Vec::new()];
-    for hysteron in 0..bench.hysterons(hypothesis) {
-        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
-        let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
-        edges = edges.into_iter().flat_map(with).collect();
-    }
-    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
-    z[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
-    settle_among(bench, hypothesis, z, index, &edges);
-}
-
-/// The best of the descents from each of `edges` (one number for each hysteron, added to its coordinate), until one is at the noise.
-fn settle_among(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize, edges: &[Vec<f64>]) {
     if bench.start_count(hypothesis) == 0 {
         return;
     }
     let first = bench.own_start(hypothesis, index) + 1;
     let from = z.to_vec();
     let mut least2 = f64::INFINITY;
-    for edges in edges {
+    for edges in corners(bench.hysterons(hypothesis)) {
         let mut there = from.clone();
         there[first..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
         let mean2 = settle_from(bench, hypothesis, &mut there, index);
@@ -216,6 +191,25 @@ fn settle_among(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index
             return;
         }
     }
+}
+
+/// The same from rest, wherever the start was.
+pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
+    z[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
+    settle(bench, hypothesis, z, index);
+}
+
+/// Nowhere, then near either edge of one hysteron after the other, then of several at once.
+fn corners(hysterons: usize) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = vec![Vec::new()];
+    for hysteron in 0..hysterons {
+        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
+        let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
+        all = all.into_iter().flat_map(with).collect();
+    }
+    all.sort_by_key(|edges: &Vec<f64>| edges.iter().filter(|edge| **edge != 0.0).count());
+    all
 }
 
 /// One descent of [`settle`] from `z`; the mean square that it ends with.

@@ -1,11 +1,12 @@
 //! The search: refit of the nominal plant, screening, full fits of what survives, alone and in pairs.
 
-use super::bench::{Bench, Freedom, Hypothesis};
+use super::bench::{Bench, Freedom, Hypothesis, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::lines::resonances;
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle, settle_anew};
 use super::screen::{Lead, screen};
+use crate::residual::samples_per_independent;
 use plant_sim::effects::Kind;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -141,7 +142,7 @@ impl Search<'_> {
             // What the refit made of the starts is what the effect is about: they are found anew, log by log.
             let mut z = self.bench.origin(&hypothesis);
             self.settle(&hypothesis, &mut z);
-            return self.descend(&hypothesis, z, &LAST_STAGES);
+            return self.descend(&hypothesis, z, &STAGES);
         }
         let mut z = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
@@ -197,6 +198,16 @@ impl Search<'_> {
             Remainder { residual_m, velocity_m_per_s }
         };
         (0..self.bench.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// One over the variance that a row of each log counts with: that of the residual times the rows that make one independent.
+    pub fn independent_weights(&self, candidate: &Candidate) -> Vec<f64> {
+        let weight = |(record, remainder): (&Record<'_>, Remainder)| {
+            let residual_m = &remainder.residual_m[record.run_in..];
+            let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
+            1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(residual_m))
+        };
+        self.bench.records.iter().zip(self.play(candidate)).map(weight).collect()
     }
 
     /// Screens the registry for what `candidate` leaves; forms whose frequency is free start where the remainder has lines and peaks.

@@ -5,7 +5,8 @@
 //! weight of the noise, without a simulation: how much cheaper do the shifts become if one direction is free?
 
 use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
-use super::descend::{Found, noise_weights};
+use super::descend::Found;
+use super::search::{Candidate, Search};
 use crate::identify::parameters::Quantity;
 use nalgebra::{DMatrix, DVector};
 
@@ -51,9 +52,12 @@ pub fn symmetric(bench: &Bench<'_>) -> Vec<&'static str> {
 }
 
 /// All directions, cheapest first.
-pub fn freed(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found) -> Vec<Freed> {
+pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
+    let (bench, Candidate { hypothesis, found, .. }) = (search.bench, candidate);
+    // Coloured noise moves the numbers by more than as many independent readings would.
+    let weights = search.independent_weights(candidate);
     let nominal = bench.free.len();
-    let Some((information, gradient)) = reduced(bench, hypothesis, found, nominal) else { return Vec::new() };
+    let Some((information, gradient)) = reduced(bench, hypothesis, found, &weights) else { return Vec::new() };
     let z = DVector::from_column_slice(&found.z[..nominal]);
     let Some(prior) = prior(bench) else { return Vec::new() };
     let mut all: Vec<Freed> = directions(bench)
@@ -111,9 +115,10 @@ fn reduced(
     bench: &Bench<'_>,
     hypothesis: &Hypothesis,
     found: &Found,
-    nominal: usize,
+    weights: &[f64],
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let (mut information, mut gradient) = found.normal.assemble(&noise_weights(bench));
+    let nominal = bench.free.len();
+    let (mut information, mut gradient) = found.normal.assemble(weights);
     let size = information.nrows();
     // The nominal numbers' own priors are what the directions are judged by.
     let rules: Vec<Rule> = bench

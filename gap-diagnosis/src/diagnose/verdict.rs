@@ -1,9 +1,9 @@
 //! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
 
-use super::bench::Bench;
 use super::gap::ShareOf;
 use super::judge::{Course, Explanation};
 use super::random::{CONFIDENCE, Random};
+use super::search::Search;
 use super::symmetry::freed;
 use plant_sim::effects::REGISTRY;
 use serde::Serialize;
@@ -51,10 +51,10 @@ pub struct Class {
 /// The explanation that is named; none for `no_gap` and `unknown`.
 ///
 /// Explanations that these logs can't tell apart count together: the truth doesn't become less probable by having a twin.
-pub(super) fn named<'c>(bench: &Bench<'_>, course: &'c Course) -> (Verdict, Option<&'c Explanation>) {
+pub(super) fn named<'c>(search: &Search<'_>, course: &'c Course) -> (Verdict, Option<&'c Explanation>) {
     let otherwise = if course.no_gap > course.unknown { Verdict::NoGap } else { Verdict::Unknown };
     let Some(top) = course.explanations.first() else { return (otherwise, None) };
-    let classes = classes(bench, course, top);
+    let classes = classes(search, course, top);
     let twins = course.explanations.iter().skip(1).filter(|other| {
         differing(&top.judged.ids, &other.judged.ids)
             .is_some_and(|[a, b]| classes.iter().any(|c| [a, b].iter().all(|id| c.members.iter().any(|m| m == id))))
@@ -126,10 +126,10 @@ pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
 }
 
 /// Entries that these logs can't tell from a member of `top`.
-pub(super) fn classes(bench: &Bench<'_>, course: &Course, top: &Explanation) -> Vec<Class> {
+pub(super) fn classes(search: &Search<'_>, course: &Course, top: &Explanation) -> Vec<Class> {
     let mut classes = Vec::new();
     if let Some(best) = &top.freed {
-        let rivals = freed(bench, &top.candidate.hypothesis, &top.candidate.found);
+        let rivals = freed(search, &top.candidate);
         let mut members = vec![best.effect];
         let mut most = 0f64;
         for rival in rivals.iter().filter(|rival| rival.cost - best.cost < SAME_COST) {
