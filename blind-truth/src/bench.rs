@@ -77,10 +77,23 @@ pub(crate) struct Timing {
     pub jitter: Option<Jitter>,
     /// Lost commands: probability per row and how many rows the old value stays.
     pub command_loss: Option<(f64, u32)>,
+    /// A link for the commands that has bad times.
+    pub bad_link: Option<BadLink>,
     /// Lattice of the command converter; 0 is none.
     pub dac_lsb_v: f64,
     /// Commands that change by more than this reach it in steps of this size (foreign: a limiter nobody told of).
     pub change_limit_v: Option<f64>,
+}
+
+/// Two states, the bad one losing each command with the same probability (Gilbert and Elliott).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BadLink {
+    /// Probability per row that bad times start.
+    pub start: f64,
+    /// Rows that they last on average.
+    pub rows: f64,
+    /// Share of the commands lost meanwhile.
+    pub loss: f64,
 }
 
 /// Distribution of the sampling-time error, seconds.
@@ -105,6 +118,10 @@ pub(crate) enum History {
     Moved { volts: f64, rest_s: f64 },
     /// One excursion of either sign per log, then a short rest: not at rest at row 0.
     JustMoved { volts: f64, rest_s: f64 },
+    /// A sine that is cut off near a random peak, then a short rest.
+    JustRang { volts: f64, hz: f64, rest_s: f64 },
+    /// A stairway back from one excursion, each step as long as the rest.
+    JustClimbed { volts: f64, steps: u32, rest_s: f64 },
 }
 
 /// Disturbance of row 0; signs are drawn per log.
@@ -310,6 +327,23 @@ fn history(history: History, rest_v: f64, period_s: f64, rng: &mut Pcg64) -> Vec
             command_v.extend(std::iter::repeat_n(rest_v + sign * volts, rows(0.05)));
             rest_s
         }
+        History::JustRang { volts, hz, rest_s } => {
+            // Not near zero, where a sine leaves little behind.
+            let half = if rng.random::<bool>() { 0.5 } else { 0.0 };
+            let turns = 4.0 + half + rng.random_range(0.12..0.38);
+            let sine = |k: usize| (TAU * hz * k as f64 * period_s).sin();
+            command_v.extend((0..rows(turns / hz)).map(|k| rest_v + volts * sine(k)));
+            rest_s
+        }
+        History::JustClimbed { volts, steps, rest_s } => {
+            let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+            command_v.extend(std::iter::repeat_n(rest_v + sign * volts, rows(0.05)));
+            for left in (1..steps).rev() {
+                let level_v = sign * volts * f64::from(left) / f64::from(steps);
+                command_v.extend(std::iter::repeat_n(rest_v + level_v, rows(rest_s)));
+            }
+            rest_s
+        }
     };
     command_v.extend(std::iter::repeat_n(rest_v, rows(rest_s)));
     command_v
@@ -325,6 +359,7 @@ struct Board<'a> {
     integral_v: f64,
     applied_v: f64,
     lost_rows: u32,
+    link_is_bad: bool,
     record: Record,
 }
 
@@ -345,7 +380,18 @@ impl<'a> Board<'a> {
         };
         let offset_s = LATENCY_US * 1e-6 + bench.timing.command_delay_s;
         let timing = &bench.timing;
-        Self { session, before_v, period_s, offset_s, timing, integral_v: 0.0, applied_v: 0.0, lost_rows: 0, record }
+        Self {
+            session,
+            before_v,
+            period_s,
+            offset_s,
+            timing,
+            integral_v: 0.0,
+            applied_v: 0.0,
+            lost_rows: 0,
+            link_is_bad: false,
+            record,
+        }
     }
 
     fn edge_time(&self, row: usize) -> f64 {
@@ -382,6 +428,13 @@ impl<'a> Board<'a> {
         {
             self.lost_rows = length - 1;
             return self.applied_v;
+        }
+        if let Some(link) = self.timing.bad_link {
+            let turns = if self.link_is_bad { 1.0 / link.rows } else { link.start };
+            self.link_is_bad ^= rng.random::<f64>() < turns;
+            if self.link_is_bad && rng.random::<f64>() < link.loss {
+                return self.applied_v;
+            }
         }
         let lsb = self.timing.dac_lsb_v;
         let mut applied_v = if lsb > 0.0 { (wanted_v / lsb).round() * lsb } else { wanted_v };

@@ -3,6 +3,9 @@
 //! Each part turns the mean voltage over one integration interval into the mean voltage over the same interval, so that
 //! an edge inside an interval costs no half step of delay. A part is a setting; what it remembers lives in `Memory`.
 
+use crate::structure::softplus;
+use std::f64::consts::TAU;
+
 /// What one part remembers during a run. A fixed array: no part needs more, and a run allocates nothing per step.
 pub(crate) type Memory = [f64; 32];
 
@@ -29,16 +32,50 @@ pub(crate) enum Drive {
     SoftClip { knee_v: f64, level_v: f64 },
     /// v = L tanh(u / L).
     TanhClip { level_v: f64 },
+    /// v = u / (1 + |u/L|^p)^(1/p): an output stage's compression (Rapp 1991).
+    Rapp { level_v: f64, order: f64 },
+    /// v = u up to the knee, less than u beyond it by the given share: the stage gives way, but does not stop.
+    Knee { knee_v: f64, slope: f64 },
+    /// One polarity is bounded, its corner rounded over `over_v`.
+    RoundClip { side: f64, level_v: f64, over_v: f64 },
+    /// v = clip(u, +-L (1 - s w)), tau w' = |v|/L - w: rails that sag while the supply is loaded.
+    SaggingClip { level_v: f64, share: f64, tau_s: f64 },
+    /// v = g u, g by polarity: a push-pull stage whose halves differ.
+    GainBySign { up: f64, down: f64 },
+    /// v = u (1 + e (1 + r |u|/60 V)): a divider whose resistors have a voltage coefficient.
+    VoltageCoefficient { error: f64, ratio: f64 },
+    /// v = r u + (1 - r) lag of u: a lag that part of the command runs past (pole and zero).
+    LeadLag { tau_s: f64, past: f64 },
+    /// A lag that charges and discharges through different resistances.
+    LagByDirection { up_s: f64, down_s: f64 },
+    /// A lag whose load grows with the voltage, as a ceramic's capacitance does: tau (1 + m |v| / 60 V).
+    GrowingLag { tau_s: f64, more: f64 },
+    /// v' bounded, away from zero the tighter the less head room is left: bound (1 - loss |v| / 66 V).
+    SlewByLevel { limit_v_per_s: f64, loss: f64 },
+    /// v' bounded by s (1 + boost r), tau r' = 1 - r - (share of the bound in use): short edges are faster.
+    SlewReserve { limit_v_per_s: f64, boost: f64, tau_s: f64 },
     /// All-pass of second order (Pade) with the given delay.
     AllPass { delay_s: f64 },
     /// v = u + a u^2/U: even part of the ceramic's response.
     Even { per_volt: f64 },
     /// v = L (tanh((u + s)/L) - tanh(s/L)) / (1 - tanh^2(s/L)): envelope with a shifted centre, unit slope at zero.
     TanhEnvelope { level_v: f64, shift_v: f64 },
+    /// v = u + c stop(u) u, stop within +-1 after `edge_v`: the loop grows with the voltage.
+    SkewedStop { share: f64, edge_v: f64 },
+    /// v = u + a max(0, u - at) for one polarity: Kuhnen's one-sided dead zone.
+    OneSided { side: f64, slope: f64, at_v: f64 },
+    /// v = u - a sum w_i stop_i(u): Prandtl-Ishlinskii on the voltage; pairs of weight and edge in volts.
+    Plays { share: f64, plays: Vec<(f64, f64)> },
+    /// v = u + a mean of relays that follow the sign of u beyond +-h_i, h_i from `from_v` to `to_v`: Preisach.
+    Relays { v: f64, from_v: f64, to_v: f64 },
     /// v = u (1 + a (1 - exp(-t/tau))): warming since the start.
     TimeWarming { gain: f64, tau_s: f64 },
     /// v = u (1 + a T), tau T' = P - T, P = |u u'| over its value for a sine of 60 V and 100 Hz (anchors F10).
     PowerWarming { gain: f64, tau_s: f64 },
+    /// v = u (1 + a T), tau T' = (u/60 V)^2 - T: the leak of a held voltage warms.
+    LeakWarming { gain: f64, tau_s: f64 },
+    /// v = u (1 + a (sin(2 pi t/P + phase) - sin phase)): a room that warms and cools.
+    RoomSwing { gain: f64, period_s: f64, phase_rad: f64 },
     /// v = u (1 - p log10(1 + t/t0)): loss of polarisation (anchors F9).
     Ageing { per_decade: f64, t0_s: f64 },
     /// v = u + sum of lags of u with weights g_i: creep that pushes the structure.
@@ -75,6 +112,9 @@ impl Chain {
     }
 }
 
+/// How many relays stand for the Preisach plane: their steps are a few millivolts to half a volt.
+const RELAYS: usize = 16;
+
 /// Power that warms: that of a sine of 60 V and 100 Hz, mean of |u u'| = 2 f U^2.
 const WARMING_REFERENCE_V2_PER_S: f64 = 2.0 * 100.0 * 60.0 * 60.0;
 
@@ -93,9 +133,12 @@ impl Drive {
     pub(crate) fn begin(&self, h_s: f64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Drive::Lag { tau_s } | Drive::TimeWarming { tau_s, .. } | Drive::PowerWarming { tau_s, .. } => {
-                (memory[3], memory[4]) = ((-h_s / tau_s).exp(), h_s)
-            }
+            Drive::Lag { tau_s }
+            | Drive::TimeWarming { tau_s, .. }
+            | Drive::PowerWarming { tau_s, .. }
+            | Drive::LeakWarming { tau_s, .. }
+            | Drive::LeadLag { tau_s, .. } => (memory[3], memory[4]) = ((-h_s / tau_s).exp(), h_s),
+            Drive::SlewReserve { .. } => memory[1] = 1.0,
             Drive::Shelf { corner_s, .. } => (memory[3], memory[4]) = ((-h_s / corner_s).exp(), h_s),
             Drive::Creep(chain) => return chain.begin(h_s),
             _ => {}
@@ -138,6 +181,55 @@ impl Drive {
                 if over <= 0.0 { u } else { u.signum() * (knee_v + room * (1.0 - (-over / room).exp())) }
             }
             Drive::TanhClip { level_v } => level_v * (u / level_v).tanh(),
+            Drive::Rapp { level_v, order } => u / (1.0 + (u / level_v).abs().powf(*order)).powf(1.0 / order),
+            Drive::Knee { knee_v, slope } => {
+                let within = u.clamp(-knee_v, *knee_v);
+                within + slope * (u - within)
+            }
+            Drive::RoundClip { side, level_v, over_v } => {
+                let cut = |v: f64| softplus(side * v - level_v, *over_v);
+                u - side * (cut(u) - cut(0.0))
+            }
+            Drive::SaggingClip { level_v, share, tau_s } => {
+                let now_v = level_v * (1.0 - share * m[0]);
+                let v = u.clamp(-now_v, now_v);
+                m[0] += (v.abs() / level_v - m[0]) * (h_s / tau_s);
+                v
+            }
+            Drive::GainBySign { up, down } => u * if u >= 0.0 { up } else { down },
+            Drive::VoltageCoefficient { error, ratio } => u * (1.0 + error * (1.0 + ratio * u.abs() / 60.0)),
+            Drive::LeadLag { tau_s, past } => past * u + (1.0 - past) * lag(m, u, *tau_s, h_s),
+            Drive::LagByDirection { up_s, down_s } => {
+                let tau_s = if u >= m[0] { up_s } else { down_s };
+                advance(m, (u - m[0]) / (tau_s + 0.5 * h_s) * h_s)
+            }
+            Drive::GrowingLag { tau_s, more } => {
+                // The load halfway through the step.
+                let rate_at = |v: f64| (u - m[0]) / (tau_s * (1.0 + more * v.abs() / 60.0) + 0.5 * h_s);
+                let middle_v = m[0] + 0.5 * h_s * rate_at(m[0]);
+                advance(m, rate_at(middle_v) * h_s)
+            }
+            Drive::SlewByLevel { limit_v_per_s, loss } => {
+                let wish = u - m[0];
+                let change = |v: f64| {
+                    let room = if wish * v > 0.0 { (1.0 - loss * v.abs() / 66.0).max(0.05) } else { 1.0 };
+                    let most = limit_v_per_s * room * h_s;
+                    wish.clamp(-most, most)
+                };
+                // The room halfway through the step.
+                let middle_v = m[0] + 0.5 * change(m[0]);
+                advance(m, change(middle_v))
+            }
+            Drive::SlewReserve { limit_v_per_s, boost, tau_s } => {
+                let most = |reserve: f64| limit_v_per_s * (1.0 + boost * reserve) * h_s;
+                let change = |reserve: f64| (u - m[0]).clamp(-most(reserve), most(reserve));
+                let refill = |reserve: f64| 1.0 - change(reserve).abs() / most(reserve) - reserve;
+                // The reserve halfway through the step.
+                let middle = m[1] + 0.5 * h_s / tau_s * refill(m[1]);
+                let change_v = change(middle);
+                m[1] += h_s / tau_s * refill(middle);
+                advance(m, change_v)
+            }
             Drive::AllPass { delay_s } => {
                 // Pade (2,2): 1 - 2 z w s / (s^2/1 + 2 z w s + w^2) * 2 with w^2 = 12/D^2, 2 z w = 6/D.
                 let w = 12.0_f64.sqrt() / delay_s;
@@ -154,11 +246,41 @@ impl Drive {
                 let centre = (shift_v / level_v).tanh();
                 level_v * (((u + shift_v) / level_v).tanh() - centre) / (1.0 - centre * centre)
             }
+            Drive::SkewedStop { share, edge_v } => {
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                u + share * u * (u - m[0]) / edge_v
+            }
+            Drive::OneSided { side, slope, at_v } => u + side * slope * (side * u - at_v).max(0.0),
+            Drive::Plays { share, plays } => {
+                let mut held_back = 0.0;
+                for (at, (weight, edge_v)) in m.iter_mut().zip(plays) {
+                    *at = at.clamp(u - edge_v, u + edge_v);
+                    held_back += weight * (u - *at);
+                }
+                u - share * held_back
+            }
+            Drive::Relays { v, from_v, to_v } => {
+                let last = (RELAYS - 1) as f64;
+                for (i, relay) in m[0..RELAYS].iter_mut().enumerate() {
+                    if u.abs() > from_v + (to_v - from_v) * i as f64 / last {
+                        *relay = u.signum();
+                    }
+                }
+                u + v * m[0..RELAYS].iter().sum::<f64>() / RELAYS as f64
+            }
             Drive::TimeWarming { gain, tau_s } => u * (1.0 + gain * lag(m, 1.0, *tau_s, h_s)),
             Drive::PowerWarming { gain, tau_s } => {
                 let power = (u * (u - m[1])).abs() / (h_s * WARMING_REFERENCE_V2_PER_S);
                 m[1] = u;
                 u * (1.0 + gain * lag(m, power, *tau_s, h_s))
+            }
+            Drive::LeakWarming { gain, tau_s } => {
+                let power = (u / 60.0) * (u / 60.0);
+                u * (1.0 + gain * lag(m, power, *tau_s, h_s))
+            }
+            Drive::RoomSwing { gain, period_s, phase_rad } => {
+                m[0] += h_s;
+                u * (1.0 + gain * ((TAU * m[0] / period_s + phase_rad).sin() - phase_rad.sin()))
             }
             Drive::Ageing { per_decade, t0_s } => {
                 m[0] += h_s;

@@ -22,8 +22,24 @@ pub(crate) enum Leak {
     Linear,
     /// beta e0 (e/e0)^m with e = v - d/2: rate dependence of the loop width.
     Power { exponent: f64, reference_v: f64 },
+    /// beta e0 sinh(e/e0): a leak over thermally activated barriers.
+    Sinh { reference_v: f64 },
+    /// beta e, and `more` times that of what e is beyond `at_v`: a second leak that joins in.
+    Kink { at_v: f64, more: f64 },
     /// d/2 grows by `v_s_per_m` |q'|: rate-dependent threshold (anchors F5).
     Threshold { v_s_per_m: f64 },
+}
+
+impl Leak {
+    /// Rate in V/s at which a voltage `over_v` beyond the dead zone falls, for the laws that take an explicit step.
+    #[inline]
+    fn curved(self, over_v: f64, lambda: f64) -> f64 {
+        match self {
+            Leak::Power { exponent, reference_v } => lambda * reference_v * (over_v / reference_v).powf(exponent),
+            Leak::Kink { at_v, more } => lambda * (over_v + more * (over_v - at_v).max(0.0)),
+            Leak::Linear | Leak::Threshold { .. } | Leak::Sinh { .. } => lambda * over_v,
+        }
+    }
 }
 
 /// A hysteron with its two sides.
@@ -89,10 +105,21 @@ impl Prepared {
         let half = match self.leak {
             Leak::Linear => side.half_v,
             Leak::Threshold { v_s_per_m } => side.half_v + v_s_per_m * w_m_per_s.abs(),
-            Leak::Power { exponent, reference_v } => {
+            Leak::Sinh { reference_v } => {
+                // Half of the motion, the leak's own fall (exact, however steep), the other half.
+                let middle = v + 0.5 * h_s * rate;
+                let over_v = middle.abs() - side.half_v * widen;
+                if over_v <= 0.0 {
+                    return v + h_s * rate;
+                }
+                let share = (0.5 * over_v / reference_v).tanh() * (-side.lambda * h_s).exp();
+                let left_v = 2.0 * reference_v * share.atanh();
+                return middle - (over_v - left_v) * middle.signum() + 0.5 * h_s * rate;
+            }
+            Leak::Power { .. } | Leak::Kink { .. } => {
                 let leak = |v: f64| {
-                    let over = (v.abs() - side.half_v * widen).max(0.0) / reference_v;
-                    if over > 0.0 { side.lambda * reference_v * over.powf(exponent) * v.signum() } else { 0.0 }
+                    let over_v = (v.abs() - side.half_v * widen).max(0.0);
+                    if over_v > 0.0 { self.leak.curved(over_v, side.lambda) * v.signum() } else { 0.0 }
                 };
                 // The leak turns over in milliseconds, so that its own share of the midpoint is beyond need.
                 return v + h_s * (rate - leak(v + 0.5 * h_s * rate));
@@ -151,6 +178,17 @@ mod tests {
             let coarse = hysteron.step(v0, w, 1e-4, 1.0);
             assert!((fine - coarse).abs() < 1e-9, "{v0} {w}: {fine} {coarse}");
         }
+    }
+
+    #[test]
+    fn sinh_leak_falls_as_its_solution_says() {
+        // tanh(e / 2 e0) decays with exp(-lambda t); for small e the leak is the linear one.
+        let linear = Hysteron::symmetric(5.2e-7, 1.15e-4, 8.7);
+        let sinh = |reference_v: f64| Hysteron { leak: Leak::Sinh { reference_v }, ..linear }.prepare(0.0463);
+        let fall = |part: Prepared| (0..1000).fold(7.0, |v, _| part.step(v, 0.0, 1e-6, 1.0)) - 4.35;
+        let expected = 2.0 * 0.5 * ((2.65_f64 / 1.0).tanh() * (-1e-3_f64 * 1.15e-4 / 5.2e-7).exp()).atanh();
+        assert!((fall(sinh(0.5)) - expected).abs() < 1e-9, "{} {expected}", fall(sinh(0.5)));
+        assert!((fall(sinh(1e3)) - fall(linear.prepare(0.0463))).abs() < 1e-5);
     }
 
     #[test]

@@ -6,8 +6,10 @@ use crate::drive::Drive;
 use crate::hysteron::Hysteron;
 use crate::nominal::{bench, nominal};
 use crate::record::Record;
-use crate::sensor::{Digitise, Follow, Measure, Noise};
+use crate::sensor::{Digitise, Follow, Measure, Noise, Row};
 use crate::structure::Force;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
 const RATE_HZ: f64 = 20_000.0;
@@ -111,7 +113,12 @@ fn every_part_converges_too() {
         Force::Cubic { n_per_m3: 0.05 * k / 1e-8 },
         Force::Stop { n_per_m: 2.0 * k, gap_m: 80e-6 },
         Force::HuntCrossley { n_per_m15: 4.0 * k / 3e-3, gap_m: 80e-6, s_per_m: 2.0 },
+        Force::Bumper { side: -1.0, n_per_m: 2.0 * k, gap_m: 80e-6, thick_m: 4e-6, soft_share: 0.2 },
+        Force::PadStop { n_per_m: 2.0 * k, gap_m: 80e-6, share: 0.5, tau_s: 3e-3 },
         Force::Coulomb { n: 0.05 },
+        Force::CoulombByWay { forth_n: 0.05, back_n: 0.03 },
+        Force::MaxwellSlip { n: 0.05, slip_m: 1e-6 },
+        Force::Wedge { n: 0.05, slip_m: 1e-6, per_m: 2e4 },
         Force::TanhFriction { n: 0.05, w_m_per_s: 5e-4 },
         Force::Bristle { coulomb_n: 0.05, static_n: 0.07, stribeck_m_per_s: 2e-3, n_per_m: 5e4 },
         Force::PowerDamping { n: 0.05, exponent: 0.5, w_m_per_s: 0.1 },
@@ -124,6 +131,11 @@ fn every_part_converges_too() {
         Drive::SecondOrder { rad_per_s: 2e4, damping_ratio: 0.5 },
         Drive::Slew { up_v_per_s: 3e5, down_v_per_s: 2e5 },
         Drive::AllPass { delay_s: 5e-5 },
+        Drive::LeadLag { tau_s: 5e-5, past: 0.4 },
+        Drive::LagByDirection { up_s: 5e-5, down_s: 3e-5 },
+        Drive::GrowingLag { tau_s: 5e-5, more: 1.0 },
+        Drive::SlewByLevel { limit_v_per_s: 3e5, loss: 0.7 },
+        Drive::SlewReserve { limit_v_per_s: 1e5, boost: 3.0, tau_s: 2e-4 },
     ] {
         benches.push((format!("{drive:?}"), Bench { drives: vec![drive], ..silent() }));
     }
@@ -132,6 +144,10 @@ fn every_part_converges_too() {
         Follow::SecondOrder { rad_per_s: 2e4, damping_ratio: 0.5 },
         Follow::DriveMode { m_per_v: 1e-7, hz: 900.0, damping_ratio: 0.01 },
         Follow::Play { half_m: 5e-7 },
+        Follow::LeadLag { tau_s: 5e-5, past: 0.4 },
+        Follow::DraggedMode { share: 0.05, hz: 900.0, damping_ratio: 0.01 },
+        Follow::HardeningMode { m_per_v: 1e-7, hz: 900.0, damping_ratio: 0.01, at_v: 120.0 },
+        Follow::WornPlay { half_m: 5e-7, per_m: 6e3 },
     ] {
         benches.push((format!("{follow:?}"), Bench { follows: vec![follow], ..silent() }));
     }
@@ -199,6 +215,10 @@ fn no_free_bench_gains_energy() {
         with(Force::HuntCrossley { n_per_m15: 4.0 * k / 3e-3, gap_m: 40e-6, s_per_m: 2.0 }),
         with(Force::TwoStops { n_per_m: 2.0 * k, gap_m: 40e-6, n_s_per_m: 2.0 }),
         with(Force::Absorber { kg: 1e-4, hz: 700.0, damping_ratio: 0.01 }),
+        with(Force::CoulombByWay { forth_n: 0.05, back_n: 0.03 }),
+        with(Force::MaxwellSlip { n: 0.05, slip_m: 1e-6 }),
+        with(Force::StickyStop { n_per_m: 2.0 * k, gap_m: 40e-6, neck_m: 8e-6 }),
+        with(Force::PadStop { n_per_m: 2.0 * k, gap_m: 40e-6, share: 0.5, tau_s: 3e-3 }),
     ];
     let creeping = Hysteron::symmetric(2e-6, 2e-6 / 0.01, 0.0);
     benches.push(("creep".to_owned(), Bench { hysterons: vec![creeping], ..bare.clone() }));
@@ -213,7 +233,8 @@ fn no_free_bench_gains_energy() {
             let parts = bench.forces.iter().zip(&motion.forces).map(|(part, m)| part.energy_j(m, motion.q_m));
             kinetic + 0.5 * bench.stiffness_n_per_m * motion.q_m * motion.q_m + charges + parts.sum::<f64>()
         };
-        let start_j = 0.5 * k * 80e-6 * 80e-6;
+        let pressed = bench.forces.iter().zip(&motion.forces).map(|(part, m)| part.energy_j(m, motion.q_m));
+        let start_j = 0.5 * k * 80e-6 * 80e-6 + pressed.sum::<f64>();
         let mut lowest_j = f64::MAX;
         let mut last_j = 0.0;
         for i in 0..30_000 {
@@ -242,6 +263,11 @@ fn drive_parts_have_their_gain_and_bounds() {
         Drive::Slew { up_v_per_s: 1e5, down_v_per_s: 1e5 },
         Drive::SoftSlew { limit_v_per_s: 1e5, tau_s: 2e-6 },
         Drive::AllPass { delay_s: 1e-4 },
+        Drive::LeadLag { tau_s: 1e-3, past: 0.4 },
+        Drive::LagByDirection { up_s: 1e-3, down_s: 5e-4 },
+        Drive::GrowingLag { tau_s: 1e-3, more: 0.5 },
+        Drive::SlewByLevel { limit_v_per_s: 1e5, loss: 0.7 },
+        Drive::SlewReserve { limit_v_per_s: 1e5, boost: 3.0, tau_s: 1e-3 },
     ] {
         assert!((settle(&drive, 50.0) - 50.0).abs() < 1e-3, "{drive:?}");
     }
@@ -250,6 +276,9 @@ fn drive_parts_have_their_gain_and_bounds() {
         (Drive::Clip { min_v: -40.0, max_v: 40.0 }, 40.0),
         (Drive::SoftClip { knee_v: 30.0, level_v: 40.0 }, 40.0),
         (Drive::TanhClip { level_v: 40.0 }, 40.0),
+        (Drive::Rapp { level_v: 40.0, order: 8.0 }, 40.0),
+        (Drive::RoundClip { side: 1.0, level_v: 40.0, over_v: 2.0 }, 40.0 + 1e-6),
+        (Drive::SaggingClip { level_v: 40.0, share: 0.1, tau_s: 1e-3 }, 37.0),
     ] {
         assert!(settle(&drive, 500.0) <= top && (settle(&drive, 0.1) - 0.1).abs() < 1e-4, "{drive:?}");
     }
@@ -311,4 +340,41 @@ fn history_ends_at_rest_and_drift_starts_at_row_zero() {
     let moving = Bench { history: History::JustMoved { volts: 50.0, rest_s: 1e-3 }, ..silent() };
     let y = play(&moving, &[0.0; 2_000], STEP_S);
     assert!((y[0] - y[1_999]).abs() > 0.5, "{} {}", y[0], y[1_999]);
+}
+
+#[test]
+fn noises_have_the_rms_they_claim() {
+    let row = Row { t_s: 0.0, period_s: 5e-5 };
+    for part in [
+        Digitise::White { m: 1.0 },
+        Digitise::Coloured { m: 1.0, corner_hz: 300.0 },
+        Digitise::Band { m: 1.0, hz: 800.0, width_hz: 200.0 },
+        Digitise::Shaped { m: 1.0 },
+        Digitise::Spikes { m: 1.0, share: 0.05 },
+        Digitise::Popcorn { m: 1.0, mean_s: 1e-3 },
+    ] {
+        let (mut memory, mut rng) = ([0.0; 32], Pcg64::seed_from_u64(5));
+        let square: f64 = (0..100_000).map(|_| part.read(&mut memory, 0.0, &row, &mut rng).powi(2)).sum();
+        let rms = (square / 1e5).sqrt();
+        assert!((rms - 1.0).abs() < 0.05, "{part:?}: {rms}");
+    }
+}
+
+#[test]
+fn lost_rows_show_what_their_link_says() {
+    let row = Row { t_s: 0.0, period_s: 5e-5 };
+    // On a ramp of one per row a reading tells how many rows late it is.
+    let late = |part: Digitise| -> Vec<f64> {
+        let (mut memory, mut rng) = ([0.0; 32], Pcg64::seed_from_u64(5));
+        (0..20_000).map(f64::from).map(|x| x - part.read(&mut memory, x, &row, &mut rng)).collect()
+    };
+    let stale = late(Digitise::Stale { probability: 0.02, rows: 7 });
+    assert!(stale.iter().all(|rows| *rows == 0.0 || *rows == 7.0) && stale.contains(&7.0));
+    let runs = late(Digitise::OutOfStep { probability: 0.002, rows: 20 });
+    let share = runs.iter().sum::<f64>() / runs.len() as f64;
+    assert!(runs.iter().all(|rows| *rows == 0.0 || *rows == 1.0) && (0.02..0.06).contains(&share), "{share}");
+    // A running mean over four rows is three late on the ramp, and four by the row that it stands for.
+    let filled = late(Digitise::Filled { probability: 0.01, rows: 4.0 });
+    let mean: Vec<f64> = filled[100..].iter().copied().filter(|rows| *rows != 0.0).collect();
+    assert!(mean.len() > 100 && mean.iter().all(|rows| (3.9..9.0).contains(rows)));
 }

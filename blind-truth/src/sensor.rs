@@ -14,6 +14,8 @@ use std::f64::consts::TAU;
 pub(crate) enum Follow {
     /// tau y' = x - y (anchors F22).
     Lag { tau_s: f64 },
+    /// y = r x + (1 - r) lag of x: a lag that part of the signal runs past (pole and zero).
+    LeadLag { tau_s: f64, past: f64 },
     /// Complex pole pair: an analogue filter of second order.
     SecondOrder { rad_per_s: f64, damping_ratio: f64 },
     /// Two equal lags in a row.
@@ -22,12 +24,20 @@ pub(crate) enum Follow {
     Play { half_m: f64 },
     /// Play whose contact is a spring against a viscous drag: inside the gap y relaxes slowly to x.
     SoftPlay { half_m: f64, tau_s: f64 },
+    /// Play whose width grows along the stroke: half (1 + c x). A guide worn at one end.
+    WornPlay { half_m: f64, per_m: f64 },
+    /// Mean of four plays about this width: contacts that do not close at once.
+    RoughPlay { half_m: f64 },
     /// Lost motion: y stands still while x crosses the gap around `at_m`.
     LostMotion { half_m: f64, at_m: f64 },
     /// y = x + g s, s'' + 2 z w s' + w^2 s = w^2 V (1 V is worth `m_per_v` at rest): a mode beside the main one.
     DriveMode { m_per_v: f64, hz: f64, damping_ratio: f64 },
     /// y = x + g (s - x), s a second-order follower of x: the target sits on a flexible arm.
     ArmMode { share: f64, hz: f64, damping_ratio: f64 },
+    /// y = x + g s'/w, s'' + 2 z w s' + w^2 s = w^2 x: a mode that a viscous layer takes along; nothing at rest.
+    DraggedMode { share: f64, hz: f64, damping_ratio: f64 },
+    /// As `DriveMode`, on a spring that hardens: w^2 grows by (s/at)^2.
+    HardeningMode { m_per_v: f64, hz: f64, damping_ratio: f64, at_v: f64 },
     /// The reading sticks until the target has moved by `break_m`, then jumps to it (foreign).
     Stiction { break_m: f64 },
 }
@@ -37,9 +47,10 @@ impl Follow {
     pub(crate) fn begin(&self, h_s: f64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Follow::Lag { tau_s } | Follow::TwoLags { tau_s } | Follow::SoftPlay { tau_s, .. } => {
-                memory[3] = (-h_s / tau_s).exp()
-            }
+            Follow::Lag { tau_s }
+            | Follow::LeadLag { tau_s, .. }
+            | Follow::TwoLags { tau_s }
+            | Follow::SoftPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
             _ => {}
         }
         memory
@@ -53,6 +64,11 @@ impl Follow {
                 let y = ramp_lag(m[0], m[1], x, m[3]);
                 (m[0], m[1]) = (y, x);
                 y
+            }
+            Follow::LeadLag { past, .. } => {
+                let y = ramp_lag(m[0], m[1], x, m[3]);
+                (m[0], m[1]) = (y, x);
+                past * x + (1.0 - past) * y
             }
             Follow::TwoLags { .. } => {
                 let middle = ramp_lag(m[0], m[1], x, m[3]);
@@ -74,6 +90,18 @@ impl Follow {
                 m[0] = m[0].clamp(x - half_m, x + half_m);
                 m[0]
             }
+            Follow::WornPlay { half_m, per_m } => {
+                let here_m = half_m * (1.0 + per_m * x).max(0.0);
+                m[0] = m[0].clamp(x - here_m, x + here_m);
+                m[0]
+            }
+            Follow::RoughPlay { half_m } => {
+                const WIDTHS: [f64; 4] = [0.4, 0.8, 1.2, 1.6];
+                for (at, width) in m.iter_mut().zip(WIDTHS) {
+                    *at = at.clamp(x - half_m * width, x + half_m * width);
+                }
+                m[0..4].iter().sum::<f64>() / 4.0
+            }
             Follow::LostMotion { half_m, at_m } => {
                 let away = x - at_m;
                 let lost = away.clamp(-half_m, *half_m);
@@ -89,6 +117,20 @@ impl Follow {
                 let mean = 0.5 * (m[2] + x);
                 m[2] = x;
                 x + share * (follow(m, mean, TAU * hz, *damping_ratio, h_s) - x)
+            }
+            Follow::DraggedMode { share, hz, damping_ratio } => {
+                let mean = 0.5 * (m[2] + x);
+                m[2] = x;
+                follow(m, mean, TAU * hz, *damping_ratio, h_s);
+                x + share * m[1] / (TAU * hz)
+            }
+            Follow::HardeningMode { m_per_v, hz, damping_ratio, at_v } => {
+                // The spring halfway through the step.
+                let stretch = (m[0] + 0.5 * h_s * m[1]) / at_v;
+                let stiffer = (1.0 + stretch * stretch).sqrt();
+                let force_v = drive_v / (stiffer * stiffer);
+                let shape = follow(m, force_v, TAU * hz * stiffer, damping_ratio / stiffer, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
             }
             Follow::Stiction { break_m } => {
                 if (x - m[0]).abs() > *break_m {
@@ -122,10 +164,20 @@ pub(crate) enum Measure {
     GainPerLog { gain: f64, spread: f64 },
     /// y = x + o (anchors F20).
     Offset(f64),
+    /// y = (1 + e (1 - r exp(-t/tau))) x: a gain error that settles after switching on.
+    SettlingGain { error: f64, share: f64, tau_s: f64 },
     /// The offset is another one in each log, about `m`: the sensor was zeroed anew.
     OffsetPerLog { m: f64, spread_m: f64 },
     /// y = x + c2 x^2 + c3 x^3 (anchors F21); c2 in 1/m, c3 in 1/m^2.
     Polynomial { c2: f64, c3: f64 },
+    /// y = x + c4 x^4 + c5 x^5: what a correction of third degree leaves; c4 in 1/m^3, c5 in 1/m^4.
+    HighPolynomial { c4: f64, c5: f64 },
+    /// Errors at nodes spaced by `pitch_m` about zero, straight in between: a calibration table.
+    Table { error_m: [f64; 9], pitch_m: f64 },
+    /// y = x + g |x|: two half bridges that differ.
+    Kink { share: f64 },
+    /// y = x + a exp(-((x - at)/w)^2), zero at rest: a flaw of the target.
+    Flaw { m: f64, at_m: f64, width_m: f64 },
     /// y = L tanh(x/L) about a centre: compression towards the ends of the range.
     Compression { level_m: f64, centre_m: f64 },
     /// y = x + a sin(2 pi x/p): an interpolating encoder's periodic error.
@@ -134,10 +186,24 @@ pub(crate) enum Measure {
     LinearDrift { m_per_s: f64 },
     /// y = x + a (1 - exp(-t/tau)): a warming body (anchors F24).
     ThermalDrift { m: f64, tau_s: f64 },
+    /// y = x + a sqrt(t): moisture that diffuses into a glue.
+    RootDrift { m_per_root_s: f64 },
+    /// y = x + a (sin(2 pi t/P + phase) - sin phase): an air conditioner's cycle.
+    SwingDrift { m: f64, period_s: f64 },
+    /// y = x + a (1 - exp(-(t - t1)/tau)) from a random moment t1 <= `within_s` on: a clamp that slips once.
+    Slip { m: f64, tau_s: f64, within_s: f64 },
     /// y = x + a random walk of the given size after one second.
     RandomWalk { m_per_root_s: f64 },
     /// Mains lines: amplitude at the mains' frequency, ratios of the harmonics 2, 3 and 5 (anchors F25).
     Hum { m: f64, hz: f64, second: f64, third: f64, fifth: f64 },
+    /// A mains line with third harmonic whose phase swings: a grid that is not quite at its frequency.
+    LooseHum { m: f64, hz: f64, third: f64, swing_rad: f64, swing_s: f64 },
+    /// A jump in each half wave that dies out with exp(-k) before the next: a phase-cut dimmer or a rectifier's diodes.
+    CutHum { m: f64, hz: f64, decay: f64 },
+    /// y = (1 - w) x + w mean of the last n rows: digital smoothing; at most 30 rows.
+    Smoothing { weight: f64, rows: u32 },
+    /// As `Creep`, of x |x| / S: creep that grows with the square of the stroke.
+    SquareCreep(Chain),
     /// y = x + sum of lags of x (anchors F1 to F3).
     Creep(Chain),
     /// Motion of a hidden second axis: steps at random times through a lag (foreign).
@@ -159,7 +225,10 @@ impl Measure {
     pub(crate) fn begin(&self, period_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Measure::Creep(chain) => return chain.begin(period_s),
+            Measure::Creep(chain) | Measure::SquareCreep(chain) => return chain.begin(period_s),
+            Measure::SwingDrift { .. } | Measure::CutHum { .. } => memory[0] = rng.random::<f64>() * TAU,
+            Measure::LooseHum { .. } => memory[0..3].fill_with(|| rng.random::<f64>() * TAU),
+            Measure::Slip { within_s, .. } => memory[0] = rng.random::<f64>() * within_s,
             Measure::Hum { .. } => {
                 memory[0] = rng.random::<f64>() * TAU;
                 memory[1] = rng.random::<f64>() * TAU;
@@ -179,9 +248,22 @@ impl Measure {
         match self {
             Measure::Gain(gain) => gain * x,
             Measure::GainPerLog { .. } => m[0] * x,
+            Measure::SettlingGain { error, share, tau_s } => x * (1.0 + error * (1.0 - share * (-t_s / tau_s).exp())),
             Measure::Offset(offset) => x + offset,
             Measure::OffsetPerLog { .. } => x + m[0],
             Measure::Polynomial { c2, c3 } => x + c2 * x * x + c3 * x * x * x,
+            Measure::HighPolynomial { c4, c5 } => x + x * x * x * x * (c4 + c5 * x),
+            Measure::Table { error_m, pitch_m } => {
+                let last = error_m.len() - 1;
+                let at = (x / pitch_m + 0.5 * last as f64).clamp(0.0, last as f64);
+                let node = (at as usize).min(last - 1);
+                x + error_m[node] + (error_m[node + 1] - error_m[node]) * (at - node as f64)
+            }
+            Measure::Kink { share } => x + share * x.abs(),
+            Measure::Flaw { m: size, at_m, width_m } => {
+                let flaw = |x: f64| (-((x - at_m) / width_m).powi(2)).exp();
+                x + size * (flaw(x) - flaw(0.0))
+            }
             Measure::Compression { level_m, centre_m } => {
                 let at = (centre_m / level_m).tanh();
                 level_m * (((x - centre_m) / level_m).tanh() + at) / (1.0 - at * at)
@@ -189,6 +271,9 @@ impl Measure {
             Measure::Ripple { m: size, period_m } => x + size * (TAU * x / period_m).sin(),
             Measure::LinearDrift { m_per_s } => x + m_per_s * t_s,
             Measure::ThermalDrift { m: size, tau_s } => x - size * (-t_s / tau_s).exp_m1(),
+            Measure::RootDrift { m_per_root_s } => x + m_per_root_s * t_s.sqrt(),
+            Measure::SwingDrift { m: size, period_s } => x + size * ((TAU * t_s / period_s + m[0]).sin() - m[0].sin()),
+            Measure::Slip { m: size, tau_s, .. } => x - size * (-(t_s - m[0]).max(0.0) / tau_s).exp_m1(),
             Measure::RandomWalk { m_per_root_s } => {
                 if row.t_s >= 0.0 {
                     m[0] += m_per_root_s * row.period_s.sqrt() * normal(rng);
@@ -199,6 +284,27 @@ impl Measure {
                 let line = |order: f64, phase: f64| (TAU * order * hz * row.t_s + phase).sin();
                 x + size
                     * (line(1.0, m[0]) + second * line(2.0, m[1]) + third * line(3.0, m[2]) + fifth * line(5.0, m[3]))
+            }
+            Measure::LooseHum { m: size, hz, third, swing_rad, swing_s } => {
+                let angle = TAU * hz * row.t_s + swing_rad * (TAU * row.t_s / swing_s + m[1]).sin() + m[0];
+                x + size * (angle.sin() + third * (3.0 * angle + m[2]).sin())
+            }
+            Measure::CutHum { m: size, hz, decay } => {
+                let half_waves = 2.0 * hz * row.t_s + m[0];
+                let way = if half_waves.floor().rem_euclid(2.0) == 0.0 { 1.0 } else { -1.0 };
+                x + size * way * (-decay * half_waves.rem_euclid(1.0)).exp()
+            }
+            Measure::Smoothing { weight, rows } => {
+                let n = *rows as usize;
+                let mean = m[0..n].iter().sum::<f64>() / n as f64;
+                m[m[31] as usize % n] = x;
+                m[31] += 1.0;
+                x + weight * (mean - x)
+            }
+            Measure::SquareCreep(chain) => {
+                let mean = 0.5 * (m[15] + x);
+                m[15] = x;
+                x + chain.step(m, mean * mean.abs() / CREEP_STROKE_M, row.period_s)
             }
             Measure::Creep(chain) => {
                 // The mean of two rows is the input between them, to second order.
@@ -230,10 +336,30 @@ pub(crate) enum Digitise {
     Flicker { white_m: f64, flicker_m: f64 },
     /// Bursts: a share of the rows has noise of the given rms.
     Bursts { m: f64, mean_s: f64 },
+    /// Noise about a frequency, as a pick-up or a sound has it: two poles, unit rms times `m`.
+    Band { m: f64, hz: f64, width_hz: f64 },
+    /// Differences of white noise: noise that a modulator has shaped away from low frequencies.
+    Shaped { m: f64 },
+    /// A share of the rows, each for itself, is hit by a pulse; rms over all rows is `m`.
+    Spikes { m: f64, share: f64 },
+    /// Jumps between +m and -m after random dwells: popcorn noise.
+    Popcorn { m: f64, mean_s: f64 },
     /// Rounded to a lattice (anchors F19).
     Lattice { m: f64 },
     /// Cut downwards instead of rounded, with half a step added back on average.
     Truncation { m: f64 },
+    /// Codes that are wide and narrow by turns: (1 + skew) and (1 - skew) steps, each shown by its middle.
+    UnevenCodes { m: f64, skew: f64 },
+    /// The code changes only where the reading is `hold` steps beyond its edge: a comparator's hysteresis.
+    HeldCodes { m: f64, hold: f64 },
+    /// A short floating-point number: the step halves with each octave below `full_m`, eight times.
+    Floating { m: f64, full_m: f64 },
+    /// A lost row shows the running mean of those that came, over `rows`.
+    Filled { probability: f64, rows: f64 },
+    /// A lost row shows the one `rows` earlier, that its buffer still held; at most 12.
+    Stale { probability: f64, rows: u32 },
+    /// After a lost row the stream is one row late until it is put in step again, `rows` later.
+    OutOfStep { probability: f64, rows: u32 },
     /// A row repeats the one before with this probability (anchors F17).
     Repeat { probability: f64 },
     /// Runs of `length` rows repeat the one before them.
@@ -262,8 +388,84 @@ impl Digitise {
                 }
                 x + rms * m[0] * normal(rng)
             }
+            Digitise::Band { m: rms, hz, width_hz } => {
+                let radius = (-0.5 * TAU * width_hz * row.period_s).exp();
+                let (a, b) = (2.0 * radius * (TAU * hz * row.period_s).cos(), radius * radius);
+                // Variance of the recursion under unit white noise.
+                let variance = (1.0 + b) / ((1.0 - b) * ((1.0 + b) * (1.0 + b) - a * a));
+                let next = a * m[0] - b * m[1] + normal(rng) / variance.sqrt();
+                (m[0], m[1]) = (next, m[0]);
+                x + rms * next
+            }
+            Digitise::Shaped { m: rms } => {
+                let before = m[0];
+                m[0] = normal(rng);
+                x + rms * (m[0] - before) / std::f64::consts::SQRT_2
+            }
+            Digitise::Spikes { m: rms, share } => {
+                let size = rms / share.sqrt() * normal(rng);
+                if rng.random::<f64>() < *share { x + size } else { x }
+            }
+            Digitise::Popcorn { m: size, mean_s } => {
+                if m[0] == 0.0 {
+                    m[0] = if rng.random::<bool>() { 1.0 } else { -1.0 };
+                }
+                if rng.random::<f64>() < row.period_s / mean_s {
+                    m[0] = -m[0];
+                }
+                x + size * m[0]
+            }
             Digitise::Lattice { m: step } => (x / step).round() * step,
             Digitise::Truncation { m: step } => ((x / step).floor() + 0.5) * step,
+            Digitise::UnevenCodes { m: step, skew } => {
+                // Zero is the middle of a wide code.
+                let half = 0.5 * (1.0 + skew);
+                let at = x / step + half;
+                let pair = 2.0 * (0.5 * at).floor();
+                (if at - pair < 2.0 * half { pair } else { pair + 1.0 }) * step
+            }
+            Digitise::HeldCodes { m: step, hold } => {
+                if (x - m[0]).abs() > (0.5 + hold) * step {
+                    m[0] = (x / step).round() * step;
+                }
+                m[0]
+            }
+            Digitise::Floating { m: step, full_m } => {
+                let octave = (x.abs() / full_m).log2().ceil().clamp(-8.0, 1.0);
+                let step = step * octave.exp2();
+                (x / step).round() * step
+            }
+            Digitise::Filled { probability, rows } => {
+                if m[1] == 0.0 {
+                    (m[0], m[1]) = (x, 1.0);
+                }
+                if rng.random::<f64>() < *probability {
+                    return m[0];
+                }
+                m[0] += (x - m[0]) / rows;
+                x
+            }
+            Digitise::Stale { probability, rows } => {
+                let (came, ring) = (m[31] as usize, *rows as usize + 1);
+                m[came % ring] = x;
+                m[31] += 1.0;
+                let lost = rng.random::<f64>() < *probability;
+                if lost && came + 1 >= ring { m[(came + 1) % ring] } else { x }
+            }
+            Digitise::OutOfStep { probability, rows } => {
+                let before = m[0];
+                m[0] = x;
+                if m[1] > 0.0 {
+                    m[1] -= 1.0;
+                    return before;
+                }
+                if m[2] == 1.0 && rng.random::<f64>() < *probability {
+                    m[1] = f64::from(*rows) - 1.0;
+                    return before;
+                }
+                m[2] = 1.0;
+                x
+            }
             Digitise::Repeat { probability } => {
                 if m[1] == 0.0 || rng.random::<f64>() >= *probability {
                     m[0] = x;
@@ -285,6 +487,9 @@ impl Digitise {
         }
     }
 }
+
+/// Stroke at which `SquareCreep` is as large as `Creep`.
+const CREEP_STROKE_M: f64 = 100e-6;
 
 /// Unit-variance first-order noise, exact for any period.
 fn low_pass(state: &mut f64, corner_hz: f64, row: &Row, rng: &mut Pcg64) -> f64 {

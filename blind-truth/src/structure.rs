@@ -14,6 +14,14 @@ pub(crate) enum Force {
     Quintic { n_per_m5: f64 },
     /// F = +s k q (q^2/(q0^2 + q^2)): a spring that softens and then levels off at k (1 - s).
     Levelling { n_per_m: f64, at_m: f64 },
+    /// F = -k2 q |q|: a membrane's odd square. N/m^2.
+    OddSquare { n_per_m2: f64 },
+    /// F = -k (s sinh(q/s) - q): hardening in all odd powers.
+    Sinh { n_per_m: f64, over_m: f64 },
+    /// F = -k4 q^4 (asymmetric). N/m^4.
+    Quartic { n_per_m4: f64 },
+    /// F = -k (s (exp(q/s) - 1) - q): an enclosed cushion, stiffer towards the sign of s.
+    Exponential { n_per_m: f64, over_m: f64 },
     /// F = -k2 q^2 (asymmetric). N/m^2.
     Quadratic { n_per_m2: f64 },
     /// F = -dk q for q > 0 only: bilinear spring.
@@ -26,17 +34,35 @@ pub(crate) enum Force {
     HuntCrossley { n_per_m15: f64, gap_m: f64, s_per_m: f64 },
     /// Stops on both sides, each with its damper while in contact.
     TwoStops { n_per_m: f64, gap_m: f64, n_s_per_m: f64 },
+    /// A soft bumper of the given thickness before a hard wall, on either side.
+    Bumper { side: f64, n_per_m: f64, gap_m: f64, thick_m: f64, soft_share: f64 },
+    /// A linear contact that sticks: once made it holds in tension up to a neck of this length.
+    StickyStop { n_per_m: f64, gap_m: f64, neck_m: f64 },
+    /// A pad that creeps (standard linear solid): F = -k max(0, d - s z), tau z' = max(d, s z) - z, d = q - gap.
+    PadStop { n_per_m: f64, gap_m: f64, share: f64, tau_s: f64 },
     /// F = -Fc sgn(w) with true stick at w = 0 (Coulomb).
     Coulomb { n: f64 },
+    /// The same with another Fc on the way back: a guide that leans.
+    CoulombByWay { forth_n: f64, back_n: f64 },
     /// F = -Fc tanh(w/ws) (anchors F30, smooth).
     TanhFriction { n: f64, w_m_per_s: f64 },
     /// F = -s0 z, z' = w - s0 |w| z / g(w), g = Fc + (Fs - Fc) exp(-(w/ws)^2): LuGre without its viscous terms; Dahl
     /// where Fs = Fc.
     Bristle { coulomb_n: f64, static_n: f64, stribeck_m_per_s: f64, n_per_m: f64 },
+    /// Five sliders on springs that let go one after the other, from a quarter to four times `slip_m`: Maxwell slip.
+    MaxwellSlip { n: f64, slip_m: f64 },
+    /// Dahl's bristle, pressed on by the stroke: F = -Fc (1 + c |q|) z, z' = (w - |w| z)/slip.
+    Wedge { n: f64, slip_m: f64, per_m: f64 },
     /// F = -c |w|^m sgn w (anchors F5, as a force).
     PowerDamping { n: f64, exponent: f64, w_m_per_s: f64 },
     /// F = a sin(2 pi f t + phase), with a second harmonic and a beat (anchors F26).
     Periodic { n: f64, hz: f64, second: f64, beat_hz: f64 },
+    /// F = a tanh(s sin(2 pi f t + phase)) / tanh s: an almost square wave, as of a piston.
+    Square { n: f64, hz: f64, sharpness: f64 },
+    /// One push per turn, half a sine of the given share of it; no mean.
+    Knock { n: f64, hz: f64, duty: f64 },
+    /// F = a sin(2 pi f t + b sin(2 pi t/P + phase 2) + phase): a motor whose speed is not held.
+    Wandering { n: f64, hz: f64, swing_rad: f64, swing_s: f64 },
     /// A mass m2 on a spring and damper: the mode that reacts on the structure.
     Absorber { kg: f64, hz: f64, damping_ratio: f64 },
     /// F = -a k cos(2 pi f t) q: parametric resonance.
@@ -53,7 +79,11 @@ impl Force {
     pub(crate) fn begin(&self, phase_rad: f64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Force::Periodic { .. } | Force::Pumped { .. } => memory[0] = phase_rad,
+            Force::Periodic { .. }
+            | Force::Pumped { .. }
+            | Force::Square { .. }
+            | Force::Knock { .. }
+            | Force::Wandering { .. } => memory[0] = phase_rad,
             Force::Engaging { at_m, over_m, .. } => memory[0] = softplus(-at_m, *over_m),
             _ => {}
         }
@@ -70,7 +100,7 @@ impl Force {
 
     /// Dry friction is solved with the step, not before it; see `Bench`.
     pub(crate) fn is_dry(&self) -> bool {
-        matches!(self, Force::Coulomb { .. } | Force::TanhFriction { .. })
+        matches!(self, Force::Coulomb { .. } | Force::CoulombByWay { .. } | Force::TanhFriction { .. })
     }
 
     /// Force at position `q`, velocity `w`, time `t_s` since the first row; `actuator_n` is alpha (V - sum v_i).
@@ -80,6 +110,10 @@ impl Force {
             Force::Cubic { n_per_m3 } => -n_per_m3 * q * q * q,
             Force::Quintic { n_per_m5 } => -n_per_m5 * q * q * q * q * q,
             Force::Levelling { n_per_m, at_m } => n_per_m * q * (q * q / (at_m * at_m + q * q)),
+            Force::OddSquare { n_per_m2 } => -n_per_m2 * q * q.abs(),
+            Force::Sinh { n_per_m, over_m } => -n_per_m * (over_m * (q / over_m).sinh() - q),
+            Force::Quartic { n_per_m4 } => -n_per_m4 * q * q * q * q,
+            Force::Exponential { n_per_m, over_m } => -n_per_m * (over_m * (q / over_m).exp_m1() - q),
             Force::Quadratic { n_per_m2 } => -n_per_m2 * q * q,
             Force::Bilinear { n_per_m } => -n_per_m * q.max(0.0),
             Force::Engaging { n_per_m, at_m, over_m } => -n_per_m * (softplus(q - at_m, *over_m) - m[0]),
@@ -96,12 +130,42 @@ impl Force {
                 let outward = w * q.signum();
                 -q.signum() * (n_per_m * depth + n_s_per_m * outward).max(0.0)
             }
+            Force::Bumper { side, n_per_m, gap_m, thick_m, soft_share } => {
+                let depth = (side * q - gap_m).max(0.0);
+                let beyond = (depth - thick_m).max(0.0);
+                -side * n_per_m * (soft_share * depth + (1.0 - soft_share) * beyond)
+            }
+            Force::StickyStop { n_per_m, gap_m, .. } => {
+                if m[0] > 0.0 || q > *gap_m {
+                    -n_per_m * (q - gap_m)
+                } else {
+                    0.0
+                }
+            }
+            Force::PadStop { n_per_m, gap_m, share, .. } => -n_per_m * (q - gap_m - share * m[0]).max(0.0),
             Force::Bristle { n_per_m, .. } => -n_per_m * m[0],
+            Force::MaxwellSlip { n, slip_m } => {
+                let share = |(i, at): (usize, &f64)| at / (slip_m * SLIPS[i]);
+                -n * m[0..SLIPS.len()].iter().enumerate().map(share).sum::<f64>() / SLIPS.len() as f64
+            }
+            Force::Wedge { n, per_m, .. } => -n * (1.0 + per_m * q.abs()) * m[0],
             Force::PowerDamping { n, exponent, w_m_per_s } => -n * w.signum() * (w.abs() / w_m_per_s).powf(*exponent),
             Force::Periodic { n, hz, second, beat_hz, .. } => {
                 let angle = TAU * hz * t_s + m[0];
                 let envelope = if *beat_hz > 0.0 { 1.0 + 0.4 * (TAU * beat_hz * t_s + 2.0 * m[0]).sin() } else { 1.0 };
                 n * envelope * (angle.sin() + second * (2.0 * angle).sin())
+            }
+            Force::Square { n, hz, sharpness } => {
+                n * (sharpness * (TAU * hz * t_s + m[0]).sin()).tanh() / sharpness.tanh()
+            }
+            Force::Knock { n, hz, duty } => {
+                let turn = (hz * t_s + m[0] / TAU).rem_euclid(1.0);
+                let push = if turn < *duty { (0.5 * TAU * turn / duty).sin() } else { 0.0 };
+                n * (push - 4.0 * duty / TAU)
+            }
+            Force::Wandering { n, hz, swing_rad, swing_s } => {
+                let swing = swing_rad * (TAU * t_s / swing_s + 3.0 * m[0]).sin();
+                n * (TAU * hz * t_s + swing + m[0]).sin()
             }
             Force::Absorber { kg, hz, damping_ratio } => {
                 let w2 = TAU * hz;
@@ -113,7 +177,7 @@ impl Force {
                 let warm = t_s.max(0.0) / tau_s;
                 -n_per_m * q * warm / (1.0 + warm)
             }
-            Force::Coulomb { .. } | Force::TanhFriction { .. } => 0.0,
+            Force::Coulomb { .. } | Force::CoulombByWay { .. } | Force::TanhFriction { .. } => 0.0,
         }
     }
 
@@ -128,6 +192,27 @@ impl Force {
                 // z' = w - s0 |w| z / g is linear in z at constant w: exact.
                 let goal = w.signum() * limit / n_per_m;
                 m[0] = goal + (m[0] - goal) * (-n_per_m * w.abs() * h_s / limit).exp();
+            }
+            Force::StickyStop { gap_m, neck_m, .. } => {
+                if q > *gap_m {
+                    m[0] = 1.0;
+                } else if q < gap_m - neck_m {
+                    m[0] = 0.0;
+                }
+            }
+            Force::PadStop { gap_m, share, tau_s, .. } => {
+                // Left alone, the pad's face recovers by itself.
+                let face_m = (q - gap_m).max(share * m[0]);
+                m[0] += (face_m - m[0]) * (h_s / tau_s);
+            }
+            Force::MaxwellSlip { slip_m, .. } => {
+                for (at, reach) in m.iter_mut().zip(SLIPS) {
+                    *at = (*at + w * h_s).clamp(-slip_m * reach, slip_m * reach);
+                }
+            }
+            Force::Wedge { slip_m, .. } => {
+                let goal = w.signum();
+                m[0] = goal + (m[0] - goal) * (-w.abs() * h_s / slip_m).exp();
             }
             Force::Absorber { hz, damping_ratio, .. } => {
                 let w2 = TAU * hz;
@@ -149,6 +234,20 @@ impl Force {
             Force::Bristle { n_per_m, .. } => 0.5 * n_per_m * m[0] * m[0],
             Force::HuntCrossley { n_per_m15, gap_m, .. } => 0.4 * n_per_m15 * (q - gap_m).max(0.0).powf(2.5),
             Force::TwoStops { n_per_m, gap_m, .. } => 0.5 * n_per_m * (q.abs() - gap_m).max(0.0).powi(2),
+            Force::Bumper { side, n_per_m, gap_m, thick_m, soft_share } => {
+                let depth = (side * q - gap_m).max(0.0);
+                let beyond = (depth - thick_m).max(0.0);
+                0.5 * n_per_m * (soft_share * depth * depth + (1.0 - soft_share) * beyond * beyond)
+            }
+            Force::StickyStop { n_per_m, gap_m, .. } if m[0] > 0.0 || q > *gap_m => 0.5 * n_per_m * (q - gap_m).powi(2),
+            Force::PadStop { n_per_m, gap_m, share, .. } => {
+                let face = (q - gap_m).max(share * m[0]);
+                0.5 * n_per_m * ((1.0 - share) * face * face + share * (face - m[0]).powi(2))
+            }
+            Force::MaxwellSlip { n, slip_m } => {
+                let each = |(at, reach): (&f64, f64)| at * at / (slip_m * reach);
+                0.5 * n * m.iter().zip(SLIPS).map(each).sum::<f64>() / SLIPS.len() as f64
+            }
             Force::Absorber { kg, hz, .. } => {
                 let stretch = TAU * hz * (m[0] - q);
                 0.5 * kg * (m[1] * m[1] + stretch * stretch)
@@ -165,21 +264,8 @@ impl Force {
     #[inline]
     pub(crate) fn rub(&self, before: f64, free: f64, h_over_m: f64) -> f64 {
         match self {
-            Force::Coulomb { n } => {
-                let impulse = n * h_over_m;
-                let push = free - before;
-                let way = if before == 0.0 { push.signum() } else { before.signum() };
-                let sliding = free - impulse * way;
-                if before != 0.0 && sliding * way > 0.0 {
-                    return sliding;
-                }
-                if push.abs() <= impulse {
-                    return 0.0;
-                }
-                // It stops after this share of the step, and the rest of the push takes it along.
-                let stopped_at = if before == 0.0 { 0.0 } else { before / (before - sliding) };
-                (push - impulse * push.signum()) * (1.0 - stopped_at)
-            }
+            Force::Coulomb { n } => rub_dry(before, free, n * h_over_m, n * h_over_m),
+            Force::CoulombByWay { forth_n, back_n } => rub_dry(before, free, forth_n * h_over_m, back_n * h_over_m),
             Force::TanhFriction { n, w_m_per_s } => {
                 let half = 0.5 * n * h_over_m;
                 let goal = free - half * (before / w_m_per_s).tanh();
@@ -207,7 +293,29 @@ impl Force {
     }
 }
 
+/// Break-away distances of the Maxwell slip elements, relative to the middle one.
+const SLIPS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+
+/// Velocity after Coulomb friction that takes these impulses per step from a motion forth or back.
+#[inline]
+fn rub_dry(before: f64, free: f64, forth: f64, back: f64) -> f64 {
+    let against = |way: f64| if way > 0.0 { forth } else { back };
+    let push = free - before;
+    let way = if before == 0.0 { push.signum() } else { before.signum() };
+    let sliding = free - against(way) * way;
+    if before != 0.0 && sliding * way > 0.0 {
+        return sliding;
+    }
+    let impulse = against(push.signum());
+    if push.abs() <= impulse {
+        return 0.0;
+    }
+    // It stops after this share of the step, and the rest of the push takes it along.
+    let stopped_at = if before == 0.0 { 0.0 } else { before / (before - sliding) };
+    (push - impulse * push.signum()) * (1.0 - stopped_at)
+}
+
 /// max(0, x) with its corner rounded over `over`.
-fn softplus(x: f64, over: f64) -> f64 {
+pub(crate) fn softplus(x: f64, over: f64) -> f64 {
     over * (x / over).exp().ln_1p()
 }

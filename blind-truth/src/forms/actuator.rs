@@ -17,26 +17,51 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: Creep, name: "logarithm of time", splits: C, draw: creep_log },
     Form { effect: Creep, name: "fractional power law", splits: R, draw: creep_power },
     Form { effect: Creep, name: "logarithm of time, through the structure", splits: R, draw: creep_log_force },
+    Form { effect: Creep, name: "stretched exponential", splits: C, draw: creep_stretched },
+    Form { effect: Creep, name: "growing with the square of the stroke", splits: C, draw: creep_square },
     Form { effect: ExtraHysteron, name: "one", splits: DC, draw: extra_one },
     Form { effect: ExtraHysteron, name: "three in a row of dead zones", splits: C, draw: extra_three },
     Form { effect: ExtraHysteron, name: "one with a power-law leak", splits: R, draw: extra_power },
     Form { effect: ExtraHysteron, name: "five with falling weights", splits: R, draw: extra_five },
+    Form { effect: ExtraHysteron, name: "Prandtl-Ishlinskii on the voltage", splits: C, draw: extra_plays },
+    Form { effect: ExtraHysteron, name: "Preisach relays on the voltage", splits: C, draw: extra_relays },
+    Form { effect: ExtraHysteron, name: "one with unequal edges", splits: C, draw: extra_unequal },
     Form { effect: AsymmetricHysteresis, name: "capacitance by sign", splits: D, draw: asymmetric_capacitance },
     Form { effect: AsymmetricHysteresis, name: "dead zone and slope by sign", splits: DC, draw: asymmetric_dead_zone },
     Form { effect: AsymmetricHysteresis, name: "even part of the drive", splits: C, draw: asymmetric_even },
     Form { effect: AsymmetricHysteresis, name: "tanh envelope off centre", splits: R, draw: asymmetric_tanh },
     Form { effect: AsymmetricHysteresis, name: "slow hysteron, all three by sign", splits: R, draw: asymmetric_all },
+    Form { effect: AsymmetricHysteresis, name: "loop grows with the voltage", splits: C, draw: asymmetric_stop },
+    Form {
+        effect: AsymmetricHysteresis,
+        name: "one-sided dead zone of the drive",
+        splits: C,
+        draw: asymmetric_one_sided,
+    },
+    Form {
+        effect: AsymmetricHysteresis,
+        name: "dead zone of the fast hysteron by sign",
+        splits: C,
+        draw: asymmetric_fast,
+    },
     Form { effect: RateDependentHysteresis, name: "power-law leak", splits: DC, draw: rate_power },
     Form { effect: RateDependentHysteresis, name: "dead zone grows with speed", splits: CR, draw: rate_threshold },
     Form { effect: RateDependentHysteresis, name: "nonlinear damping", splits: R, draw: rate_damping },
+    Form { effect: RateDependentHysteresis, name: "hyperbolic-sine leak", splits: C, draw: rate_sinh },
+    Form { effect: RateDependentHysteresis, name: "second leak that joins in", splits: C, draw: rate_kink },
     Form { effect: ThermalGain, name: "with time", splits: DC, draw: warm_time },
     Form { effect: ThermalGain, name: "with drive power", splits: CR, draw: warm_power },
     Form { effect: ThermalGain, name: "falling with the logarithm of time", splits: R, draw: warm_ageing },
+    Form { effect: ThermalGain, name: "with the held voltage", splits: C, draw: warm_leak },
+    Form { effect: ThermalGain, name: "swinging with the room", splits: C, draw: warm_room },
+    Form { effect: ThermalGain, name: "up and back down with time", splits: C, draw: warm_two },
     Form { effect: InitialState, name: "slow hysteron charged beyond its edge", splits: DC, draw: start_charged },
     Form { effect: InitialState, name: "mass in motion", splits: D, draw: start_moving },
     Form { effect: InitialState, name: "a step shortly before", splits: C, draw: start_just_moved },
     Form { effect: InitialState, name: "charged and in motion", splits: R, draw: start_both },
     Form { effect: InitialState, name: "a step back shortly before", splits: R, draw: start_just_moved_late },
+    Form { effect: InitialState, name: "a sine that stops shortly before", splits: C, draw: start_just_rang },
+    Form { effect: InitialState, name: "a stairway back shortly before", splits: C, draw: start_just_climbed },
     Form {
         effect: ParameterError,
         name: "stiffness",
@@ -143,6 +168,29 @@ fn creep_power(rng: &mut Pcg64) -> Planted {
     .with("power", power)
 }
 
+fn creep_stretched(rng: &mut Pcg64) -> Planted {
+    // 1 - exp(-sqrt(t/tau)) has the weights sqrt(T) exp(-T/4) over the logarithm of T = tau_i/tau.
+    let tau_s = log_uniform(rng, 0.02, 0.3);
+    let scales: Vec<f64> = (0..13).map(|i| 0.01 * 3000.0_f64.powf(f64::from(i) / 12.0)).collect();
+    let sum: f64 = scales.iter().map(|scale| scale.sqrt() * (-0.25 * scale).exp()).sum();
+    let elements: Vec<(f64, f64)> =
+        scales.iter().map(|scale| (scale.sqrt() * (-0.25 * scale).exp() / sum, scale * tau_s)).collect();
+    Planted::new("share", CREEP, move |a, bench| {
+        let elements = elements.iter().map(|(weight, tau_s)| (a * weight, *tau_s)).collect();
+        bench.measures.push(Measure::Creep(Chain { elements }));
+    })
+    .with("tau_s", tau_s)
+}
+
+fn creep_square(rng: &mut Pcg64) -> Planted {
+    let tau_s = log_uniform(rng, 0.02, 0.3);
+    Planted::new("share_at_stroke", CREEP, move |a, bench| {
+        let elements = vec![(0.5 * a, tau_s), (0.5 * a, 10.0 * tau_s)];
+        bench.measures.push(Measure::SquareCreep(Chain { elements }));
+    })
+    .with("tau_s", tau_s)
+}
+
 /// A hysteron of which a stroke reaches `reach` times the edge, leaking with time constant `tau_s`.
 fn added(bench: &Bench, share: f64, edge: f64, tau_s: f64) -> Hysteron {
     let capacitance_f = capacitance(bench, share);
@@ -189,6 +237,39 @@ fn extra_power(rng: &mut Pcg64) -> Planted {
     .with("edge_over_stroke", edge)
     .with("tau_s", tau_s)
     .with("exponent", exponent)
+}
+
+fn extra_plays(rng: &mut Pcg64) -> Planted {
+    let first_v = rng.random_range(3.0..8.0);
+    let weights: [f64; 4] = std::array::from_fn(|_| rng.random_range(0.3..1.0));
+    let sum: f64 = weights.iter().sum();
+    let plays: Vec<(f64, f64)> =
+        weights.iter().enumerate().map(|(i, weight)| (weight / sum, first_v * (1 + i) as f64)).collect();
+    Planted::new("share", (0.002, 0.4), move |a, bench| {
+        bench.drives.push(Drive::Plays { share: a, plays: plays.clone() });
+    })
+    .with("first_edge_V", first_v)
+}
+
+fn extra_relays(rng: &mut Pcg64) -> Planted {
+    let (from_v, to_v) = (rng.random_range(2.0..10.0), rng.random_range(25.0..50.0));
+    Planted::new("size_V", (0.05, 8.0), move |a, bench| bench.drives.push(Drive::Relays { v: a, from_v, to_v }))
+        .with("first_V", from_v)
+        .with("last_V", to_v)
+}
+
+fn extra_unequal(rng: &mut Pcg64) -> Planted {
+    let (edge, tau_s) = (rng.random_range(0.15..0.5), log_uniform(rng, 1e-4, 1e-2));
+    let skew = sign(rng) * rng.random_range(0.2..0.5);
+    Planted::new("stiffness_share", (0.002, 0.3), move |a, bench| {
+        let mut hysteron = added(bench, a, edge, tau_s);
+        hysteron.up.half_v *= 1.0 + skew;
+        hysteron.down.half_v *= 1.0 - skew;
+        bench.hysterons.push(hysteron);
+    })
+    .with("edge_over_stroke", edge)
+    .with("tau_s", tau_s)
+    .with("skew", skew)
 }
 
 /// Changes both sides of the slow hysteron alike.
@@ -255,6 +336,35 @@ fn asymmetric_tanh(rng: &mut Pcg64) -> Planted {
     .with("shift_over_largest", shift)
 }
 
+fn asymmetric_stop(rng: &mut Pcg64) -> Planted {
+    let (sign, edge_v) = (sign(rng), rng.random_range(8.0..25.0));
+    Planted::new("share", (0.0005, 0.1), move |a, bench| {
+        bench.drives.push(Drive::SkewedStop { share: sign * a, edge_v });
+    })
+    .with("sign", sign)
+    .with("edge_V", edge_v)
+}
+
+fn asymmetric_one_sided(rng: &mut Pcg64) -> Planted {
+    let (signs, at_v) = ([sign(rng), sign(rng)], rng.random_range(5.0..30.0));
+    Planted::new("slope_change", (0.001, 0.2), move |a, bench| {
+        bench.drives.push(Drive::OneSided { side: signs[0], slope: signs[1] * a, at_v });
+    })
+    .with("side", signs[0])
+    .with("sign", signs[1])
+    .with("from_V", at_v)
+}
+
+fn asymmetric_fast(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("difference", (0.005, 0.8), move |a, bench| {
+        let hysteron = &mut bench.hysterons[0];
+        hysteron.up.half_v *= 1.0 + 0.5 * sign * a;
+        hysteron.down.half_v *= 1.0 - 0.5 * sign * a;
+    })
+    .with("sign", sign)
+}
+
 fn rate_power(rng: &mut Pcg64) -> Planted {
     let (sign, reference_v) = (sign(rng), rng.random_range(1.5..4.0));
     Planted::new("exponent_off_one", (0.01, 0.6), move |a, bench| {
@@ -278,6 +388,20 @@ fn rate_damping(rng: &mut Pcg64) -> Planted {
         bench.forces.push(Force::PowerDamping { n: a, exponent, w_m_per_s: 0.1 });
     })
     .with("exponent", exponent)
+}
+
+fn rate_sinh(_: &mut Pcg64) -> Planted {
+    Planted::new("curvature_per_V", (0.03, 5.0), |a, bench| {
+        bench.hysterons[1].leak = Leak::Sinh { reference_v: 1.0 / a };
+    })
+}
+
+fn rate_kink(rng: &mut Pcg64) -> Planted {
+    let at_v = rng.random_range(0.2..1.0);
+    Planted::new("second_over_first", (0.02, 40.0), move |a, bench| {
+        bench.hysterons[1].leak = Leak::Kink { at_v, more: a };
+    })
+    .with("from_V", at_v)
 }
 
 fn warm_time(rng: &mut Pcg64) -> Planted {
@@ -304,6 +428,37 @@ fn warm_ageing(rng: &mut Pcg64) -> Planted {
         bench.drives.push(Drive::Ageing { per_decade: a, t0_s });
     })
     .with("t0_s", t0_s)
+}
+
+fn warm_leak(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.05, 1.0));
+    Planted::new("gain_share_at_60V", (0.0005, 0.3), move |a, bench| {
+        bench.drives.push(Drive::LeakWarming { gain: sign * a, tau_s });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+}
+
+fn warm_room(rng: &mut Pcg64) -> Planted {
+    let (period_s, phase_rad) = (log_uniform(rng, 0.8, 6.0), rng.random_range(0.0..std::f64::consts::TAU));
+    Planted::new("gain_share", (0.0005, 0.15), move |a, bench| {
+        bench.drives.push(Drive::RoomSwing { gain: a, period_s, phase_rad });
+    })
+    .with("period_s", period_s)
+    .with("phase_rad", phase_rad)
+}
+
+fn warm_two(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.05, 0.4));
+    let (slower, back) = (rng.random_range(4.0..12.0), rng.random_range(0.6..1.2));
+    Planted::new("gain_share", (0.001, 0.3), move |a, bench| {
+        bench.drives.push(Drive::TimeWarming { gain: sign * a, tau_s });
+        bench.drives.push(Drive::TimeWarming { gain: -sign * back * a, tau_s: slower * tau_s });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+    .with("slower_over_faster", slower)
+    .with("back_share", back)
 }
 
 /// Half the dead zone is 4.3 V: what is beyond relaxes with 4.5 ms; what is below stays as an offset that any rest may
@@ -344,6 +499,26 @@ fn start_just_moved(rng: &mut Pcg64) -> Planted {
 
 fn start_just_moved_late(rng: &mut Pcg64) -> Planted {
     just_moved(log_uniform(rng, 4e-4, 2e-3))
+}
+
+fn start_just_rang(rng: &mut Pcg64) -> Planted {
+    let (hz, rest_s) = (log_uniform(rng, 40.0, 160.0), log_uniform(rng, 5e-4, 2.5e-3));
+    Planted::new("amplitude_V", (40.0, 58.0), move |a, bench| {
+        bench.history = History::JustRang { volts: a, hz, rest_s };
+    })
+    .with("hz", hz)
+    .with("rest_s", rest_s)
+    .any_gap()
+}
+
+fn start_just_climbed(rng: &mut Pcg64) -> Planted {
+    let (steps, rest_s) = (rng.random_range(3..=6), log_uniform(rng, 6e-4, 3e-3));
+    Planted::new("stairway_V", (40.0, 60.0), move |a, bench| {
+        bench.history = History::JustClimbed { volts: a, steps, rest_s };
+    })
+    .with("steps", f64::from(steps))
+    .with("rest_s", rest_s)
+    .any_gap()
 }
 
 /// 10 % off, give or take a little, while the plant file goes on claiming 1 %.

@@ -10,18 +10,29 @@ use std::f64::consts::TAU;
 pub(super) const FORMS: &[Form] = &[
     Form { effect: AmplifierGain, name: "constant", splits: DCR, draw: gain },
     Form { effect: AmplifierGain, name: "shelf: part of the error is lost above a corner", splits: R, draw: shelf },
+    Form { effect: AmplifierGain, name: "another one for each polarity", splits: C, draw: gain_by_sign },
+    Form { effect: AmplifierGain, name: "growing with the voltage", splits: C, draw: gain_voltage_coefficient },
     Form { effect: AmplifierBandwidth, name: "first-order lag", splits: DC, draw: lag },
     Form { effect: AmplifierBandwidth, name: "second-order lag", splits: C, draw: second_order },
     Form { effect: AmplifierBandwidth, name: "current-limited lag", splits: R, draw: limited_lag },
     Form { effect: AmplifierBandwidth, name: "second-order lag, under-damped", splits: R, draw: ringing },
+    Form { effect: AmplifierBandwidth, name: "lag that grows with the voltage", splits: C, draw: growing_lag },
+    Form { effect: AmplifierBandwidth, name: "lag that part of the command runs past", splits: C, draw: lead_lag },
+    Form { effect: AmplifierBandwidth, name: "lag, slower one way", splits: C, draw: lag_by_direction },
     Form { effect: AmplifierSlew, name: "hard limit", splits: DC, draw: slew },
     Form { effect: AmplifierSlew, name: "hard limit, faster down than up", splits: C, draw: slew_uneven },
     Form { effect: AmplifierSlew, name: "soft limit (tanh)", splits: R, draw: slew_soft },
+    Form { effect: AmplifierSlew, name: "tighter towards the rails", splits: C, draw: slew_by_level },
+    Form { effect: AmplifierSlew, name: "looser until a reserve is used up", splits: C, draw: slew_reserve },
     Form { effect: AmplifierSaturation, name: "hard, two-sided", splits: DC, draw: clip },
     Form { effect: AmplifierSaturation, name: "hard, one-sided", splits: D, draw: clip_one_sided },
     Form { effect: AmplifierSaturation, name: "knee with exponential approach", splits: C, draw: clip_knee },
     Form { effect: AmplifierSaturation, name: "tanh", splits: R, draw: clip_tanh },
     Form { effect: AmplifierSaturation, name: "hard, two unequal levels", splits: R, draw: clip_uneven },
+    Form { effect: AmplifierSaturation, name: "Rapp, sharp", splits: C, draw: clip_rapp },
+    Form { effect: AmplifierSaturation, name: "gives way beyond a knee", splits: C, draw: clip_knee_slope },
+    Form { effect: AmplifierSaturation, name: "one-sided, rounded", splits: C, draw: clip_round_one_sided },
+    Form { effect: AmplifierSaturation, name: "rails that sag under load", splits: C, draw: clip_sagging },
 ];
 
 fn gain(rng: &mut Pcg64) -> Planted {
@@ -38,6 +49,26 @@ fn shelf(rng: &mut Pcg64) -> Planted {
     .with("sign", sign)
     .with("loss", loss)
     .with("corner_hz", corner_hz)
+}
+
+fn gain_by_sign(rng: &mut Pcg64) -> Planted {
+    let (sign, lesser, down) = (sign(rng), rng.random_range(0.5..0.85), rng.random::<bool>());
+    let shares = if down { (1.0, lesser) } else { (lesser, 1.0) };
+    Planted::new("gain_error", (0.001, 0.15), move |a, bench| {
+        bench.drives.push(Drive::GainBySign { up: 1.0 + sign * shares.0 * a, down: 1.0 + sign * shares.1 * a });
+    })
+    .with("sign", sign)
+    .with("positive_share", shares.0)
+    .with("negative_share", shares.1)
+}
+
+fn gain_voltage_coefficient(rng: &mut Pcg64) -> Planted {
+    let (sign, ratio) = (sign(rng), rng.random_range(0.1..0.5));
+    Planted::new("gain_error", (0.001, 0.15), move |a, bench| {
+        bench.drives.push(Drive::VoltageCoefficient { error: sign * a, ratio });
+    })
+    .with("sign", sign)
+    .with("more_at_60V", ratio)
 }
 
 fn lag(_: &mut Pcg64) -> Planted {
@@ -70,6 +101,28 @@ fn limited_lag(rng: &mut Pcg64) -> Planted {
     .with("linear_below_V", swing_v)
 }
 
+fn growing_lag(rng: &mut Pcg64) -> Planted {
+    let more = rng.random_range(0.4..1.5);
+    Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| bench.drives.push(Drive::GrowingLag { tau_s: a, more }))
+        .with("more_at_60V", more)
+}
+
+fn lead_lag(rng: &mut Pcg64) -> Planted {
+    let past = rng.random_range(0.2..0.6);
+    Planted::new("tau_s", (3e-6, 3e-3), move |a, bench| bench.drives.push(Drive::LeadLag { tau_s: a, past }))
+        .with("share_past", past)
+}
+
+fn lag_by_direction(rng: &mut Pcg64) -> Planted {
+    let (ratio, up) = (rng.random_range(1.4..3.0), rng.random::<bool>());
+    Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| {
+        let (up_s, down_s) = if up { (a, a / ratio) } else { (a / ratio, a) };
+        bench.drives.push(Drive::LagByDirection { up_s, down_s });
+    })
+    .with("slower_over_faster", ratio)
+    .with("slower_up", f64::from(u8::from(up)))
+}
+
 /// 25 kV/s to 50 MV/s: the slowest still follows 60 V at 60 Hz.
 const SLEW_S_PER_V: (f64, f64) = (2e-8, 4e-5);
 
@@ -92,6 +145,23 @@ fn slew_soft(rng: &mut Pcg64) -> Planted {
     Planted::new("slowness_s_per_V", SLEW_S_PER_V, move |a, bench| {
         bench.drives.push(Drive::SoftSlew { limit_v_per_s: 1.0 / a, tau_s });
     })
+    .with("tau_s", tau_s)
+}
+
+fn slew_by_level(rng: &mut Pcg64) -> Planted {
+    let loss = rng.random_range(0.4..0.85);
+    Planted::new("slowness_s_per_V", SLEW_S_PER_V, move |a, bench| {
+        bench.drives.push(Drive::SlewByLevel { limit_v_per_s: 1.0 / a, loss });
+    })
+    .with("loss_at_66V", loss)
+}
+
+fn slew_reserve(rng: &mut Pcg64) -> Planted {
+    let (boost, tau_s) = (rng.random_range(1.0..4.0), log_uniform(rng, 1e-4, 1e-3));
+    Planted::new("slowness_s_per_V", SLEW_S_PER_V, move |a, bench| {
+        bench.drives.push(Drive::SlewReserve { limit_v_per_s: 1.0 / a, boost, tau_s });
+    })
+    .with("boost", boost)
     .with("tau_s", tau_s)
 }
 
@@ -137,4 +207,40 @@ fn clip_tanh(_: &mut Pcg64) -> Planted {
     Planted::new("largest_over_level", (0.05, 0.9), |a, bench| {
         bench.drives.push(Drive::TanhClip { level_v: LARGEST_V / a });
     })
+}
+
+fn clip_rapp(rng: &mut Pcg64) -> Planted {
+    let order = rng.random_range(6.0..14.0);
+    Planted::new("largest_over_level", (0.35, 1.6), move |a, bench| {
+        bench.drives.push(Drive::Rapp { level_v: LARGEST_V / a, order });
+    })
+    .with("order", order)
+}
+
+fn clip_knee_slope(rng: &mut Pcg64) -> Planted {
+    let slope = rng.random_range(0.15..0.6);
+    Planted::new("share_beyond_knee", (0.002, 0.8), move |a, bench| {
+        bench.drives.push(Drive::Knee { knee_v: LARGEST_V * (1.0 - a), slope });
+    })
+    .with("slope_beyond", slope)
+}
+
+fn clip_round_one_sided(rng: &mut Pcg64) -> Planted {
+    let (side, over_v) = (sign(rng), rng.random_range(1.0..3.0));
+    Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
+        // Rounding bites before the level does.
+        let level_v = LARGEST_V * (1.0 - a) + 2.5 * over_v;
+        bench.drives.push(Drive::RoundClip { side, level_v, over_v });
+    })
+    .with("side", side)
+    .with("rounded_over_V", over_v)
+}
+
+fn clip_sagging(rng: &mut Pcg64) -> Planted {
+    let (share, tau_s) = (rng.random_range(0.03..0.12), log_uniform(rng, 3e-3, 0.1));
+    Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
+        bench.drives.push(Drive::SaggingClip { level_v: LARGEST_V * (1.05 - a), share, tau_s });
+    })
+    .with("sag", share)
+    .with("tau_s", tau_s)
 }

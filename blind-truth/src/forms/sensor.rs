@@ -2,7 +2,9 @@
 
 use super::{C, CR, D, DC, DCR, DR, Form, Planted, R, STROKE_M, log_uniform, sign};
 use crate::effects::EffectId::*;
+use crate::nominal::static_gain_m_per_v;
 use crate::sensor::{Digitise, Follow, Measure};
+use crate::structure::Force;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -11,30 +13,57 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: SensorBandwidth, name: "second order", splits: C, draw: second_order },
     Form { effect: SensorBandwidth, name: "two lags", splits: R, draw: two_lags },
     Form { effect: SensorBandwidth, name: "second order, under-damped", splits: R, draw: ringing },
+    Form { effect: SensorBandwidth, name: "lag that part of the signal runs past", splits: C, draw: lead_lag },
+    Form { effect: SensorBandwidth, name: "small share in a slow tail", splits: C, draw: slow_tail },
+    Form { effect: SensorBandwidth, name: "mixed with the mean of the last rows", splits: C, draw: smoothing },
     Form { effect: SensorOffset, name: "constant", splits: D, draw: offset },
     Form { effect: SensorOffset, name: "constant, beyond zeroing", splits: C, draw: offset_large },
     Form { effect: SensorOffset, name: "another one in each log", splits: R, draw: offset_per_log },
+    Form { effect: SensorOffset, name: "constant, settling by a little", splits: C, draw: offset_settling },
+    Form { effect: SensorOffset, name: "constant, with a small slip in each log", splits: C, draw: offset_slipping },
+    Form { effect: SensorOffset, name: "stand-off, with its change of gain", splits: C, draw: offset_stand_off },
     Form { effect: SensorGain, name: "constant", splits: DCR, draw: gain },
     Form { effect: SensorGain, name: "another one in each log", splits: R, draw: gain_per_log },
+    Form { effect: SensorGain, name: "settling after switching on", splits: C, draw: gain_settling },
+    Form { effect: SensorGain, name: "misaligned, with a little curvature", splits: C, draw: gain_misaligned },
     Form { effect: SensorDrift, name: "linear", splits: D, draw: drift_linear },
     Form { effect: SensorDrift, name: "thermal, first order", splits: DC, draw: drift_thermal },
     Form { effect: SensorDrift, name: "random walk", splits: R, draw: drift_walk },
     Form { effect: SensorDrift, name: "linear and thermal", splits: CR, draw: drift_both },
+    Form { effect: SensorDrift, name: "root of time", splits: C, draw: drift_root },
+    Form { effect: SensorDrift, name: "slow sine", splits: C, draw: drift_swing },
+    Form { effect: SensorDrift, name: "a slip that settles", splits: C, draw: drift_slip },
+    Form { effect: SensorDrift, name: "two bodies against each other", splits: C, draw: drift_two_bodies },
     Form { effect: SensorNonlinearity, name: "polynomial of third degree", splits: DC, draw: polynomial },
     Form { effect: SensorNonlinearity, name: "compression towards the ends", splits: C, draw: compression },
     Form { effect: SensorNonlinearity, name: "periodic error of an encoder", splits: R, draw: ripple },
     Form { effect: SensorNonlinearity, name: "compression off centre", splits: R, draw: compression_off_centre },
+    Form { effect: SensorNonlinearity, name: "fourth and fifth degree", splits: C, draw: high_polynomial },
+    Form { effect: SensorNonlinearity, name: "calibration table, straight between nodes", splits: C, draw: table },
+    Form { effect: SensorNonlinearity, name: "kink at zero", splits: C, draw: kink },
+    Form { effect: SensorNonlinearity, name: "local flaw of the target", splits: C, draw: flaw },
     Form { effect: NoiseExcess, name: "white", splits: DC, draw: white },
     Form { effect: NoiseExcess, name: "low-pass", splits: C, draw: coloured },
     Form { effect: NoiseExcess, name: "a + b/f", splits: R, draw: flicker },
     Form { effect: NoiseExcess, name: "comes and goes", splits: R, draw: bursts },
+    Form { effect: NoiseExcess, name: "about a frequency", splits: C, draw: band_noise },
+    Form { effect: NoiseExcess, name: "shaped away from low frequencies", splits: C, draw: shaped },
+    Form { effect: NoiseExcess, name: "single rows hit", splits: C, draw: spikes },
+    Form { effect: NoiseExcess, name: "popcorn", splits: C, draw: popcorn },
     Form { effect: MainsHum, name: "50 Hz with harmonics", splits: DC, draw: |rng| hum(rng, 50.0) },
     Form { effect: MainsHum, name: "60 Hz with harmonics", splits: DR, draw: |rng| hum(rng, 60.0) },
     Form { effect: MainsHum, name: "50 Hz behind a rectifier", splits: C, draw: hum_rectified },
     Form { effect: MainsHum, name: "50 Hz, third harmonic strongest", splits: R, draw: hum_third },
+    Form { effect: MainsHum, name: "50 Hz of a loose grid", splits: C, draw: hum_loose },
+    Form { effect: MainsHum, name: "50 Hz, phase cut", splits: C, draw: hum_cut },
+    Form { effect: MainsHum, name: "100 Hz of a transformer, as a force", splits: C, draw: hum_force },
     Form { effect: Quantisation, name: "sensor's converter", splits: DCR, draw: lattice },
     Form { effect: Quantisation, name: "command's converter", splits: CR, draw: dac },
     Form { effect: Quantisation, name: "sensor's converter, truncating", splits: R, draw: truncation },
+    Form { effect: Quantisation, name: "sensor's converter, codes of unequal width", splits: C, draw: uneven_codes },
+    Form { effect: Quantisation, name: "sensor's converter, codes that hold on", splits: C, draw: held_codes },
+    Form { effect: Quantisation, name: "short floating-point number", splits: C, draw: floating },
+    Form { effect: Quantisation, name: "both converters", splits: C, draw: both_converters },
 ];
 
 /// Corner from 320 Hz to 160 kHz.
@@ -63,6 +92,29 @@ fn ringing(rng: &mut Pcg64) -> Planted {
     second_order_of(rng.random_range(0.3..0.6))
 }
 
+fn lead_lag(rng: &mut Pcg64) -> Planted {
+    let past = rng.random_range(0.2..0.6);
+    Planted::new("tau_s", (1.5e-6, 1e-3), move |a, bench| bench.follows.push(Follow::LeadLag { tau_s: a, past }))
+        .with("share_past", past)
+}
+
+fn slow_tail(rng: &mut Pcg64) -> Planted {
+    // Charge that a guard or a cable gives back late: most of the signal is fast.
+    let tau_s = log_uniform(rng, 3e-4, 3e-3);
+    Planted::new("late_share", (0.001, 0.7), move |a, bench| {
+        bench.follows.push(Follow::LeadLag { tau_s, past: 1.0 - a });
+    })
+    .with("tau_s", tau_s)
+}
+
+fn smoothing(rng: &mut Pcg64) -> Planted {
+    let rows = rng.random_range(2..=6);
+    Planted::new("weight", (0.002, 1.0), move |a, bench| {
+        bench.measures.push(Measure::Smoothing { weight: a, rows });
+    })
+    .with("rows", f64::from(rows))
+}
+
 fn offset(rng: &mut Pcg64) -> Planted {
     let sign = sign(rng);
     Planted::new("offset_m", (5e-8, 2e-5), move |a, bench| bench.measures.push(Measure::Offset(sign * a)))
@@ -89,6 +141,41 @@ fn offset_per_log(rng: &mut Pcg64) -> Planted {
     .any_gap()
 }
 
+fn offset_settling(rng: &mut Pcg64) -> Planted {
+    let (sign, share, tau_s) = (sign(rng), log_uniform(rng, 0.01, 0.05), log_uniform(rng, 0.1, 1.0));
+    Planted::new("offset_m", LARGE_OFFSET_M, move |a, bench| {
+        bench.measures.push(Measure::Offset(sign * a));
+        bench.measures.push(Measure::ThermalDrift { m: -sign * share * a, tau_s });
+    })
+    .with("sign", sign)
+    .with("settling_share", share)
+    .with("tau_s", tau_s)
+    .any_gap()
+}
+
+fn offset_slipping(rng: &mut Pcg64) -> Planted {
+    let (signs, share) = ([sign(rng), sign(rng)], log_uniform(rng, 0.01, 0.05));
+    Planted::new("offset_m", LARGE_OFFSET_M, move |a, bench| {
+        bench.measures.push(Measure::Offset(signs[0] * a));
+        bench.measures.push(Measure::Slip { m: signs[1] * share * a, tau_s: 2e-3, within_s: 0.5 });
+    })
+    .with("sign", signs[0])
+    .with("slip_share", signs[1] * share)
+    .any_gap()
+}
+
+fn offset_stand_off(rng: &mut Pcg64) -> Planted {
+    let (signs, per_m) = ([sign(rng), sign(rng)], log_uniform(rng, 200.0, 1000.0));
+    Planted::new("offset_m", LARGE_OFFSET_M, move |a, bench| {
+        // The probe sits nearer or farther by the offset; its gain follows by up to a percent.
+        bench.measures.push(Measure::Gain(1.0 + signs[1] * per_m * a));
+        bench.measures.push(Measure::Offset(signs[0] * a));
+    })
+    .with("sign", signs[0])
+    .with("gain_per_offset_1_per_m", signs[1] * per_m)
+    .any_gap()
+}
+
 fn gain(rng: &mut Pcg64) -> Planted {
     let sign = sign(rng);
     Planted::new("gain_error", (0.001, 0.2), move |a, bench| bench.measures.push(Measure::Gain(1.0 + sign * a)))
@@ -102,6 +189,26 @@ fn gain_per_log(rng: &mut Pcg64) -> Planted {
     })
     .with("sign", sign)
     .with("spread_over_mean", spread)
+}
+
+fn gain_settling(rng: &mut Pcg64) -> Planted {
+    let (sign, share, tau_s) = (sign(rng), rng.random_range(0.15..0.4), log_uniform(rng, 0.1, 1.0));
+    Planted::new("gain_error", (0.001, 0.2), move |a, bench| {
+        bench.measures.push(Measure::SettlingGain { error: sign * a, share, tau_s });
+    })
+    .with("sign", sign)
+    .with("settling_share", share)
+    .with("tau_s", tau_s)
+}
+
+fn gain_misaligned(rng: &mut Pcg64) -> Planted {
+    let (sign, second) = (sign(rng), rng.random_range(-0.1..0.1));
+    Planted::new("gain_error", (0.001, 0.2), move |a, bench| {
+        bench.measures.push(Measure::Polynomial { c2: second * a / STROKE_M, c3: 0.0 });
+        bench.measures.push(Measure::Gain(1.0 + sign * a));
+    })
+    .with("sign", sign)
+    .with("second_over_first_at_stroke", second)
 }
 
 fn drift_linear(rng: &mut Pcg64) -> Planted {
@@ -137,6 +244,44 @@ fn drift_walk(_: &mut Pcg64) -> Planted {
     })
 }
 
+fn drift_root(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("m_per_root_s", (1e-8, 3e-5), move |a, bench| {
+        bench.measures.push(Measure::RootDrift { m_per_root_s: sign * a });
+    })
+    .with("sign", sign)
+}
+
+fn drift_swing(rng: &mut Pcg64) -> Planted {
+    let period_s = log_uniform(rng, 1.0, 8.0);
+    Planted::new("amplitude_m", (1e-8, 3e-5), move |a, bench| {
+        bench.measures.push(Measure::SwingDrift { m: a, period_s });
+    })
+    .with("period_s", period_s)
+}
+
+fn drift_slip(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.01, 0.3));
+    Planted::new("amplitude_m", (1e-8, 3e-5), move |a, bench| {
+        bench.measures.push(Measure::Slip { m: sign * a, tau_s, within_s: 0.4 });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+}
+
+fn drift_two_bodies(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.05, 0.4));
+    let (slower, back) = (rng.random_range(4.0..12.0), rng.random_range(0.6..1.3));
+    Planted::new("amplitude_m", (1e-8, 3e-5), move |a, bench| {
+        bench.measures.push(Measure::ThermalDrift { m: sign * a, tau_s });
+        bench.measures.push(Measure::ThermalDrift { m: -sign * back * a, tau_s: slower * tau_s });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+    .with("slower_over_faster", slower)
+    .with("back_share", back)
+}
+
 fn polynomial(rng: &mut Pcg64) -> Planted {
     let (sign, third) = (sign(rng), rng.random_range(-1.0..1.0));
     // Anchors F21: 0.01 to 1 % of the range, room for more.
@@ -168,6 +313,44 @@ fn ripple(rng: &mut Pcg64) -> Planted {
         bench.measures.push(Measure::Ripple { m: a, period_m });
     })
     .with("period_um", period_m * 1e6)
+}
+
+fn high_polynomial(rng: &mut Pcg64) -> Planted {
+    let (sign, fifth) = (sign(rng), rng.random_range(-1.0..1.0));
+    Planted::new("share_at_stroke", (2e-4, 0.1), move |a, bench| {
+        let c4 = sign * a / STROKE_M.powi(3);
+        bench.measures.push(Measure::HighPolynomial { c4, c5: fifth * a / STROKE_M.powi(4) });
+    })
+    .with("sign", sign)
+    .with("fifth_over_fourth", fifth)
+}
+
+fn table(rng: &mut Pcg64) -> Planted {
+    let pitch_m = rng.random_range(20e-6..30e-6);
+    let mut nodes: [f64; 9] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+    // Zero was set by hand.
+    nodes[4] = 0.0;
+    Planted::new("node_error_m", (1e-8, 1e-5), move |a, bench| {
+        bench.measures.push(Measure::Table { error_m: nodes.map(|node| a * node), pitch_m });
+    })
+    .with("pitch_um", pitch_m * 1e6)
+}
+
+fn kink(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("gain_difference", (2e-4, 0.1), move |a, bench| {
+        bench.measures.push(Measure::Kink { share: 0.5 * sign * a });
+    })
+    .with("sign", sign)
+}
+
+fn flaw(rng: &mut Pcg64) -> Planted {
+    let (at_m, width_m) = (sign(rng) * rng.random_range(10e-6..80e-6), log_uniform(rng, 5e-6, 25e-6));
+    Planted::new("height_m", (2e-8, 1e-5), move |a, bench| {
+        bench.measures.push(Measure::Flaw { m: a, at_m, width_m });
+    })
+    .with("at_um", at_m * 1e6)
+    .with("width_um", width_m * 1e6)
 }
 
 /// Excess over the data sheet's rms: less cannot be told from its 10 % sigma, more is no noise any more.
@@ -203,6 +386,34 @@ fn bursts(rng: &mut Pcg64) -> Planted {
         .band(EXCESS.0, EXCESS.1)
 }
 
+fn band_noise(rng: &mut Pcg64) -> Planted {
+    let (hz, quality) = (log_uniform(rng, 150.0, 3500.0), log_uniform(rng, 1.0, 10.0));
+    Planted::new("rms_m", EXCESS_M, move |a, bench| {
+        bench.digitises.push(Digitise::Band { m: a, hz, width_hz: hz / quality });
+    })
+    .with("hz", hz)
+    .with("quality", quality)
+    .band(EXCESS.0, EXCESS.1)
+}
+
+fn shaped(_: &mut Pcg64) -> Planted {
+    Planted::new("rms_m", EXCESS_M, |a, bench| bench.digitises.push(Digitise::Shaped { m: a })).band(EXCESS.0, EXCESS.1)
+}
+
+fn spikes(rng: &mut Pcg64) -> Planted {
+    let share = log_uniform(rng, 0.02, 0.2);
+    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Spikes { m: a, share }))
+        .with("share_of_rows", share)
+        .band(EXCESS.0, EXCESS.1)
+}
+
+fn popcorn(rng: &mut Pcg64) -> Planted {
+    let mean_s = log_uniform(rng, 5e-4, 1e-2);
+    Planted::new("half_jump_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Popcorn { m: a, mean_s }))
+        .with("mean_dwell_s", mean_s)
+        .band(EXCESS.0, EXCESS.1)
+}
+
 /// Anchors F25 has 1 to 50 nm; what 50 nm of noise hides in one log still shows over all of them.
 const HUM: (f64, f64) = (2.0, 20.0);
 
@@ -229,6 +440,38 @@ fn hum_third(rng: &mut Pcg64) -> Planted {
     hum_of(50.0, 0.1, rng.random_range(1.0..2.0), rng.random_range(0.2..0.6))
 }
 
+fn hum_loose(rng: &mut Pcg64) -> Planted {
+    // Off by up to 0.2 Hz, by turns.
+    let (swing_s, off_hz) = (log_uniform(rng, 1.0, 10.0), rng.random_range(0.05..0.2));
+    let third = rng.random_range(0.1..0.4);
+    Planted::new("amplitude_m", (5e-9, 2e-6), move |a, bench| {
+        bench.measures.push(Measure::LooseHum { m: a, hz: 50.0, third, swing_rad: off_hz * swing_s, swing_s });
+    })
+    .with("off_hz", off_hz)
+    .with("swing_s", swing_s)
+    .with("third", third)
+    .band(HUM.0, HUM.1)
+}
+
+fn hum_cut(rng: &mut Pcg64) -> Planted {
+    let decay = rng.random_range(2.0..8.0);
+    Planted::new("amplitude_m", (5e-9, 4e-6), move |a, bench| {
+        bench.measures.push(Measure::CutHum { m: a, hz: 50.0, decay });
+    })
+    .with("decay_per_half_wave", decay)
+    .band(HUM.0, HUM.1)
+}
+
+fn hum_force(rng: &mut Pcg64) -> Planted {
+    // Magnetostriction has twice the mains' frequency and no line at it.
+    let second = rng.random_range(0.1..0.5);
+    Planted::new("force_N", (1e-4, 0.1), move |a, bench| {
+        bench.forces.push(Force::Periodic { n: a, hz: 100.0, second, beat_hz: 0.0 });
+    })
+    .with("second", second)
+    .band(HUM.0, HUM.1)
+}
+
 /// A lattice that shows: its own rms is 2 to 10 times the noise.
 const LATTICE: (f64, f64) = (2.0, 10.0);
 
@@ -244,4 +487,37 @@ fn truncation(_: &mut Pcg64) -> Planted {
 
 fn dac(_: &mut Pcg64) -> Planted {
     Planted::new("step_V", (0.01, 3.0), |a, bench| bench.timing.dac_lsb_v = a).band(LATTICE.0, LATTICE.1)
+}
+
+fn uneven_codes(rng: &mut Pcg64) -> Planted {
+    let skew = sign(rng) * rng.random_range(0.3..0.8);
+    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| {
+        bench.digitises.push(Digitise::UnevenCodes { m: a, skew });
+    })
+    .with("skew", skew)
+    .band(LATTICE.0, LATTICE.1)
+}
+
+fn held_codes(rng: &mut Pcg64) -> Planted {
+    let hold = rng.random_range(0.15..0.5);
+    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| bench.digitises.push(Digitise::HeldCodes { m: a, hold }))
+        .with("hold_over_step", hold)
+        .band(LATTICE.0, LATTICE.1)
+}
+
+fn floating(_: &mut Pcg64) -> Planted {
+    Planted::new("step_at_stroke_m", (2e-8, 8e-6), |a, bench| {
+        bench.digitises.push(Digitise::Floating { m: a, full_m: STROKE_M });
+    })
+    .band(LATTICE.0, LATTICE.1)
+}
+
+fn both_converters(rng: &mut Pcg64) -> Planted {
+    let ratio = log_uniform(rng, 0.5, 2.0);
+    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| {
+        bench.timing.dac_lsb_v = ratio * a / static_gain_m_per_v();
+        bench.digitises.push(Digitise::Lattice { m: a });
+    })
+    .with("command_over_sensor", ratio)
+    .band(LATTICE.0, LATTICE.1)
 }

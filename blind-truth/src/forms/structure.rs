@@ -14,6 +14,14 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: VibrationMode, name: "target on an arm", splits: DC, draw: mode_arm },
     Form { effect: VibrationMode, name: "second mass that reacts", splits: CR, draw: mode_absorber },
     Form { effect: VibrationMode, name: "two modes", splits: R, draw: mode_two },
+    Form { effect: VibrationMode, name: "dragged along by a viscous layer", splits: C, draw: mode_dragged },
+    Form { effect: VibrationMode, name: "on a spring that hardens", splits: C, draw: mode_hardening },
+    Form {
+        effect: VibrationMode,
+        name: "second mass that reacts and is partly read",
+        splits: C,
+        draw: mode_read_absorber,
+    },
     Form { effect: NonlinearStiffness, name: "cubic", splits: DC, draw: cubic },
     Form { effect: NonlinearStiffness, name: "fifth power", splits: C, draw: quintic },
     Form { effect: NonlinearStiffness, name: "softens and levels off", splits: R, draw: levelling },
@@ -23,27 +31,43 @@ pub(super) const FORMS: &[Form] = &[
         splits: R,
         draw: cubic_quintic,
     },
+    Form { effect: NonlinearStiffness, name: "odd square", splits: C, draw: odd_square },
+    Form { effect: NonlinearStiffness, name: "hyperbolic sine", splits: C, draw: sinh },
     Form { effect: AsymmetricStiffness, name: "quadratic", splits: D, draw: quadratic },
     Form { effect: AsymmetricStiffness, name: "bilinear", splits: DC, draw: bilinear },
     Form { effect: AsymmetricStiffness, name: "second spring engages gradually", splits: CR, draw: engaging },
     Form { effect: AsymmetricStiffness, name: "bilinear and quadratic", splits: R, draw: bilinear_quadratic },
+    Form { effect: AsymmetricStiffness, name: "fourth power", splits: C, draw: quartic },
+    Form { effect: AsymmetricStiffness, name: "exponential", splits: C, draw: exponential },
     Form { effect: CoulombFriction, name: "tanh", splits: D, draw: friction_tanh },
     Form { effect: CoulombFriction, name: "Dahl", splits: DC, draw: friction_dahl },
     Form { effect: CoulombFriction, name: "hard with stick", splits: CR, draw: friction_hard },
     Form { effect: CoulombFriction, name: "LuGre with Stribeck", splits: R, draw: friction_lugre },
+    Form { effect: CoulombFriction, name: "hard with stick, another one each way", splits: C, draw: friction_by_way },
+    Form { effect: CoulombFriction, name: "Maxwell slip, five sliders", splits: C, draw: friction_maxwell },
+    Form { effect: CoulombFriction, name: "Dahl, pressed on by the stroke", splits: C, draw: friction_wedge },
     Form { effect: PayloadMass, name: "rigid", splits: DCR, draw: payload },
     Form { effect: PayloadMass, name: "on a stiff mount", splits: C, draw: payload_mounted },
     Form { effect: PayloadMass, name: "rigid, with some damping", splits: R, draw: payload_damped },
     Form { effect: EndStop, name: "linear contact", splits: DC, draw: stop_linear },
     Form { effect: EndStop, name: "Hunt-Crossley", splits: C, draw: stop_hunt_crossley },
     Form { effect: EndStop, name: "both sides, damped", splits: R, draw: stop_two },
+    Form { effect: EndStop, name: "bumper before a hard wall", splits: C, draw: stop_bumper },
+    Form { effect: EndStop, name: "contact that sticks", splits: C, draw: stop_sticky },
+    Form { effect: EndStop, name: "pad that creeps", splits: C, draw: stop_pad },
     Form { effect: PeriodicForce, name: "sine", splits: DC, draw: force_sine },
     Form { effect: PeriodicForce, name: "sine with its second harmonic", splits: C, draw: force_harmonic },
     Form { effect: PeriodicForce, name: "sine with a slow beat", splits: R, draw: force_beat },
     Form { effect: PeriodicForce, name: "sine above the mode", splits: R, draw: force_fast },
+    Form { effect: PeriodicForce, name: "almost square", splits: C, draw: force_square },
+    Form { effect: PeriodicForce, name: "one push per turn", splits: C, draw: force_knock },
+    Form { effect: PeriodicForce, name: "frequency wanders", splits: C, draw: force_wandering },
+    Form { effect: PeriodicForce, name: "two unrelated lines", splits: C, draw: force_two },
     Form { effect: Backlash, name: "play", splits: DC, draw: play },
     Form { effect: Backlash, name: "play with drag", splits: CR, draw: play_soft },
     Form { effect: Backlash, name: "lost motion across a gap", splits: R, draw: lost_motion },
+    Form { effect: Backlash, name: "play worn at one end", splits: C, draw: play_worn },
+    Form { effect: Backlash, name: "plays that close one after the other", splits: C, draw: play_rough },
 ];
 
 /// Share of the static gain: -60 to -6 dB (anchors F27: -40 to -10 dB).
@@ -98,6 +122,45 @@ fn mode_absorber(rng: &mut Pcg64) -> Planted {
     .with("damping_ratio", damping_ratio)
 }
 
+fn mode_dragged(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    Planted::new("share", MODE, move |a, bench| {
+        bench.follows.push(Follow::DraggedMode { share: sign * a, hz, damping_ratio });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_hardening(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    // Its frequency rises by 3 to 15 % at 60 V.
+    let at_v = rng.random_range(100.0..240.0);
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::HardeningMode { m_per_v, hz, damping_ratio, at_v });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("twice_as_stiff_at_V", at_v)
+}
+
+fn mode_read_absorber(rng: &mut Pcg64) -> Planted {
+    let (hz, damping_ratio) = mode_hz(rng);
+    let read = sign(rng) * log_uniform(rng, 0.3, 2.0);
+    Planted::new("mass_share", (0.001, 0.3), move |a, bench| {
+        let kg = a * bench.mass_kg;
+        bench.mass_kg -= kg;
+        bench.forces.push(Force::Absorber { kg, hz, damping_ratio });
+        // The spot of the sensor covers some of it: the same resonator, as it follows the same motion.
+        bench.follows.push(Follow::ArmMode { share: read * a, hz, damping_ratio });
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("read_over_mass_share", read)
+}
+
 /// Restoring share of k at full stroke (anchors F29: 0.001 to 0.05, room on both sides).
 const NONLINEAR: (f64, f64) = (0.0005, 0.3);
 
@@ -140,6 +203,28 @@ fn levelling(rng: &mut Pcg64) -> Planted {
     .with("at_um", at_m * 1e6)
 }
 
+/// As `NONLINEAR`, where a negative sign of more would leave no spring at full stroke.
+const STEEP: (f64, f64) = (0.0005, 0.15);
+
+fn odd_square(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k2_over_k_at_stroke", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::OddSquare { n_per_m2: sign * a * bench.stiffness_n_per_m / STROKE_M });
+    })
+    .with("sign", sign)
+}
+
+fn sinh(rng: &mut Pcg64) -> Planted {
+    let (sign, over_m) = (sign(rng), rng.random_range(30e-6..55e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let reach = STROKE_M / over_m;
+        let n_per_m = sign * a * bench.stiffness_n_per_m * reach / (reach.sinh() - reach);
+        bench.forces.push(Force::Sinh { n_per_m, over_m });
+    })
+    .with("sign", sign)
+    .with("over_um", over_m * 1e6)
+}
+
 fn quadratic_of(sign: f64, share: f64) -> impl Fn(f64, &mut Bench) + Send + Sync {
     move |a, bench| {
         bench.forces.push(Force::Quadratic { n_per_m2: sign * share * a * bench.stiffness_n_per_m / STROKE_M });
@@ -176,6 +261,25 @@ fn engaging(rng: &mut Pcg64) -> Planted {
         bench.forces.push(Force::Engaging { n_per_m: a * bench.stiffness_n_per_m, at_m, over_m });
     })
     .with("at_um", at_m * 1e6)
+    .with("over_um", over_m * 1e6)
+}
+
+fn quartic(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("k4_over_k_at_stroke", STEEP, move |a, bench| {
+        bench.forces.push(Force::Quartic { n_per_m4: sign * a * bench.stiffness_n_per_m / STROKE_M.powi(3) });
+    })
+    .with("sign", sign)
+}
+
+fn exponential(rng: &mut Pcg64) -> Planted {
+    let (sign, over_m) = (sign(rng), rng.random_range(35e-6..80e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let reach = STROKE_M / over_m;
+        let n_per_m = a * bench.stiffness_n_per_m * reach / (reach.exp_m1() - reach);
+        bench.forces.push(Force::Exponential { n_per_m, over_m: sign * over_m });
+    })
+    .with("sign", sign)
     .with("over_um", over_m * 1e6)
 }
 
@@ -216,6 +320,31 @@ fn friction_dahl(rng: &mut Pcg64) -> Planted {
 fn friction_lugre(rng: &mut Pcg64) -> Planted {
     let (static_ratio, stribeck_m_per_s) = (rng.random_range(1.2..1.7), log_uniform(rng, 5e-4, 5e-3));
     bristle(rng, static_ratio, stribeck_m_per_s)
+}
+
+fn friction_by_way(rng: &mut Pcg64) -> Planted {
+    let (lesser, back) = (rng.random_range(0.3..0.75), rng.random::<bool>());
+    let shares = if back { (lesser, 1.0) } else { (1.0, lesser) };
+    Planted::new("force_N", FRICTION_N, move |a, bench| {
+        bench.forces.push(Force::CoulombByWay { forth_n: shares.0 * a, back_n: shares.1 * a });
+    })
+    .with("forth_share", shares.0)
+    .with("back_share", shares.1)
+}
+
+fn friction_maxwell(rng: &mut Pcg64) -> Planted {
+    let slip_m = log_uniform(rng, 0.3e-6, 5e-6);
+    Planted::new("force_N", FRICTION_N, move |a, bench| bench.forces.push(Force::MaxwellSlip { n: a, slip_m }))
+        .with("slip_um", slip_m * 1e6)
+}
+
+fn friction_wedge(rng: &mut Pcg64) -> Planted {
+    let (slip_m, more) = (log_uniform(rng, 0.2e-6, 3e-6), rng.random_range(0.5..3.0));
+    Planted::new("force_N", FRICTION_N, move |a, bench| {
+        bench.forces.push(Force::Wedge { n: a, slip_m, per_m: more / STROKE_M });
+    })
+    .with("slip_um", slip_m * 1e6)
+    .with("more_at_stroke", more)
 }
 
 /// Anchors F28 has 0.05 to 1; less is within what a weighing error could be.
@@ -283,6 +412,46 @@ fn stop_two(rng: &mut Pcg64) -> Planted {
     .with("drag_over_b", drag)
 }
 
+fn stop_bumper(rng: &mut Pcg64) -> Planted {
+    let (side, ratio) = (sign(rng), log_uniform(rng, 1.0, 6.0));
+    let (thick_m, soft_share) = (log_uniform(rng, 1e-6, 10e-6), rng.random_range(0.05..0.3));
+    Planted::new("reach_share", STOP, move |a, bench| {
+        bench.forces.push(Force::Bumper {
+            side,
+            n_per_m: ratio * bench.stiffness_n_per_m,
+            gap_m: stop_gap_m(a),
+            thick_m,
+            soft_share,
+        });
+    })
+    .with("side", side)
+    .with("wall_over_k", ratio)
+    .with("bumper_um", thick_m * 1e6)
+    .with("bumper_over_wall", soft_share)
+}
+
+fn stop_sticky(rng: &mut Pcg64) -> Planted {
+    let (ratio, neck_m) = (log_uniform(rng, 0.5, 4.0), log_uniform(rng, 0.3e-6, 3e-6));
+    Planted::new("reach_share", STOP, move |a, bench| {
+        let n_per_m = ratio * bench.stiffness_n_per_m;
+        bench.forces.push(Force::StickyStop { n_per_m, gap_m: stop_gap_m(a), neck_m });
+    })
+    .with("contact_over_k", ratio)
+    .with("neck_um", neck_m * 1e6)
+}
+
+fn stop_pad(rng: &mut Pcg64) -> Planted {
+    let ratio = log_uniform(rng, 0.5, 4.0);
+    let (share, tau_s) = (rng.random_range(0.2..0.7), log_uniform(rng, 1e-3, 0.1));
+    Planted::new("reach_share", STOP, move |a, bench| {
+        let n_per_m = ratio * bench.stiffness_n_per_m;
+        bench.forces.push(Force::PadStop { n_per_m, gap_m: stop_gap_m(a), share, tau_s });
+    })
+    .with("contact_over_k", ratio)
+    .with("creeping_share", share)
+    .with("tau_s", tau_s)
+}
+
 /// A frequency that is no line of the mains: at least 3 Hz from every multiple of 50 and 60 Hz.
 fn off_mains_hz(rng: &mut Pcg64, low: f64, high: f64) -> f64 {
     loop {
@@ -321,6 +490,54 @@ fn force_fast(rng: &mut Pcg64) -> Planted {
     force_of(off_mains_hz(rng, 900.0, 1500.0), 0.0, 0.0)
 }
 
+/// As in `force_of`.
+const FORCE_N: (f64, f64) = (2e-4, 0.3);
+
+fn force_square(rng: &mut Pcg64) -> Planted {
+    let (hz, sharpness) = (off_mains_hz(rng, 8.0, 150.0), rng.random_range(1.5..6.0));
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::Square { n: a, hz, sharpness }))
+        .with("hz", hz)
+        .with("sharpness", sharpness)
+}
+
+fn force_knock(rng: &mut Pcg64) -> Planted {
+    let (hz, duty) = (off_mains_hz(rng, 8.0, 80.0), rng.random_range(0.08..0.3));
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::Knock { n: a, hz, duty }))
+        .with("hz", hz)
+        .with("duty", duty)
+}
+
+fn force_wandering(rng: &mut Pcg64) -> Planted {
+    // Never nearer to a line of the mains than 1 Hz.
+    let (hz, off) = (off_mains_hz(rng, 10.0, 300.0), rng.random_range(0.005..0.03));
+    let (off_hz, swing_s) = (f64::min(off * hz, 2.0), log_uniform(rng, 0.5, 5.0));
+    Planted::new("force_N", FORCE_N, move |a, bench| {
+        bench.forces.push(Force::Wandering { n: a, hz, swing_rad: off_hz * swing_s, swing_s });
+    })
+    .with("hz", hz)
+    .with("off_hz", off_hz)
+    .with("swing_s", swing_s)
+}
+
+fn force_two(rng: &mut Pcg64) -> Planted {
+    let (hz, second) = (off_mains_hz(rng, 8.0, 60.0), rng.random_range(0.3..1.0));
+    // Too far apart for a beat, and no harmonic of each other.
+    let other_hz = loop {
+        let other_hz = off_mains_hz(rng, 1.4 * hz, 300.0);
+        let ratio = other_hz / hz;
+        if (ratio - ratio.round()).abs() > 0.1 {
+            break other_hz;
+        }
+    };
+    Planted::new("force_N", FORCE_N, move |a, bench| {
+        bench.forces.push(Force::Periodic { n: a, hz, second: 0.0, beat_hz: 0.0 });
+        bench.forces.push(Force::Periodic { n: second * a, hz: other_hz, second: 0.0, beat_hz: 0.0 });
+    })
+    .with("hz", hz)
+    .with("other_hz", other_hz)
+    .with("other_over_first", second)
+}
+
 /// Anchors F31: 0.01 to 1 um.
 const PLAY_M: (f64, f64) = (0.01e-6, 4e-6);
 
@@ -342,4 +559,16 @@ fn lost_motion(rng: &mut Pcg64) -> Planted {
         bench.follows.push(Follow::LostMotion { half_m: a, at_m });
     })
     .with("at_um", at_m * 1e6)
+}
+
+fn play_worn(rng: &mut Pcg64) -> Planted {
+    let worn = sign(rng) * rng.random_range(0.3..0.75);
+    Planted::new("half_width_m", PLAY_M, move |a, bench| {
+        bench.follows.push(Follow::WornPlay { half_m: a, per_m: worn / STROKE_M });
+    })
+    .with("wider_at_stroke", worn)
+}
+
+fn play_rough(_: &mut Pcg64) -> Planted {
+    Planted::new("half_width_m", PLAY_M, |a, bench| bench.follows.push(Follow::RoughPlay { half_m: a }))
 }

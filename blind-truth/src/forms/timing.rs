@@ -1,7 +1,7 @@
 //! Forms of the errors in time and of the link.
 
 use super::{C, CR, D, DC, DCR, Form, Planted, R, log_uniform, sign};
-use crate::bench::Jitter;
+use crate::bench::{BadLink, Jitter};
 use crate::drive::Drive;
 use crate::effects::EffectId::*;
 use crate::sensor::Digitise;
@@ -18,6 +18,10 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: LostSamples, name: "rows repeat the one before", splits: DC, draw: lost_rows },
     Form { effect: LostSamples, name: "commands not applied", splits: CR, draw: lost_commands },
     Form { effect: LostSamples, name: "runs of rows repeat the one before", splits: R, draw: lost_runs },
+    Form { effect: LostSamples, name: "rows filled with a running mean", splits: C, draw: lost_filled },
+    Form { effect: LostSamples, name: "rows show an older one", splits: C, draw: lost_stale },
+    Form { effect: LostSamples, name: "rows late until put in step again", splits: C, draw: lost_step },
+    Form { effect: LostSamples, name: "commands lost in bad times of the link", splits: C, draw: lost_bad_link },
     Form { effect: ClockError, name: "constant", splits: DCR, draw: clock_constant },
     Form { effect: ClockError, name: "growing", splits: C, draw: clock_growing },
     Form { effect: ClockError, name: "swinging", splits: R, draw: clock_swinging },
@@ -83,6 +87,43 @@ fn lost_commands(rng: &mut Pcg64) -> Planted {
         bench.timing.command_loss = Some((a, length));
     })
     .with("rows", f64::from(length))
+    .band(LOST.0, LOST.1)
+}
+
+fn lost_filled(rng: &mut Pcg64) -> Planted {
+    let rows = log_uniform(rng, 2.0, 6.0);
+    Planted::new("probability", (1e-4, 0.08), move |a, bench| {
+        bench.digitises.push(Digitise::Filled { probability: a, rows });
+    })
+    .with("mean_over_rows", rows)
+    .band(LOST.0, LOST.1)
+}
+
+fn lost_stale(rng: &mut Pcg64) -> Planted {
+    let rows = rng.random_range(2..=5);
+    Planted::new("probability", (5e-5, 0.08), move |a, bench| {
+        bench.digitises.push(Digitise::Stale { probability: a, rows });
+    })
+    .with("rows", f64::from(rows))
+    .band(LOST.0, LOST.1)
+}
+
+fn lost_step(rng: &mut Pcg64) -> Planted {
+    let rows = rng.random_range(4..=24);
+    Planted::new("probability", (2e-5, 0.03), move |a, bench| {
+        bench.digitises.push(Digitise::OutOfStep { probability: a, rows });
+    })
+    .with("rows", f64::from(rows))
+    .band(LOST.0, LOST.1)
+}
+
+fn lost_bad_link(rng: &mut Pcg64) -> Planted {
+    let (rows, loss) = (log_uniform(rng, 4.0, 20.0), rng.random_range(0.3..0.8));
+    Planted::new("probability", (2e-5, 0.03), move |a, bench| {
+        bench.timing.bad_link = Some(BadLink { start: a, rows, loss });
+    })
+    .with("rows", rows)
+    .with("loss", loss)
     .band(LOST.0, LOST.1)
 }
 

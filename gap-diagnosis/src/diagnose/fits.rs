@@ -148,20 +148,20 @@ impl Fits<'_> {
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
     fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
-        let mut fit = self.from_lead(lead);
+        let mut fit = self.fit_of(lead);
         for other in
             others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
         {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
-            fit = better(fit, self.from_lead(other));
+            fit = better(fit, self.fit_of(other));
         }
         fit
     }
 
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
-    fn from_lead(&self, lead: &Lead) -> Candidate {
+    fn fit_of(&self, lead: &Lead) -> Candidate {
         let fit = self.search.extend(self.refit, lead, true);
         let promised = (1.0 - lead.share).max(0.0).sqrt();
         if fit.chi < AT_NOISE || self.left(&fit) < MUCH_MORE * promised.max(WELL) {
@@ -180,7 +180,7 @@ impl Fits<'_> {
                 continue;
             };
             for other in others(own.0, own.1, leads).filter(|other| other.gain > AS_PROMISING * gain) {
-                *fit = better(fit.clone(), self.from_lead(other));
+                *fit = better(fit.clone(), self.fit_of(other));
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
