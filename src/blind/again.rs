@@ -98,7 +98,7 @@ fn command_v(next: &NextExperiment, plant: &Path) -> Result<Vec<f64>, String> {
         .filter(|n| (1..=MOST_ROWS).contains(n))
         .ok_or_else(|| said(&"has no length, or too great a one"))?;
     let chain = Model::read(plant).map_err(|e| said(&e))?.chain();
-    let start = Start { state: chain.plant.relaxed(), drive_v: 0.0 };
+    let start = Start::relaxed(&chain);
     let setup = Setup { chain: &chain, start: &start, rate_hz, samples, latency_s: 1e-5, seed: 1 };
     Ok(open_loop(&setup, &program, &|_| {}).map_err(|e| said(&e))?.command_v)
 }

@@ -73,7 +73,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let bench = BenchSettings {
         chain,
-        start: Start { state, drive_v },
+        start: Start { state, drive_v, memory: 0.0 },
         calibration: checked.calibration,
         seed: call.seed,
         anti_alias_hz: call.anti_alias,

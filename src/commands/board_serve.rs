@@ -43,7 +43,7 @@ pub fn bench(
         .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
     let chain = model.chain();
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v };
+    let start = Start { state, drive_v, memory: 0.0 };
     Ok(BenchSettings { chain, start, calibration: checked.calibration, seed, anti_alias_hz, has_external_converters })
 }
 

@@ -92,7 +92,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut warnings = model.warnings();
     warnings.extend(board::margins(&settings, call.rate, ready.latency_s, &chain)?);
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v };
+    let start = Start { state, drive_v, memory: 0.0 };
     let samples = samples as usize;
     let setup = Setup {
         chain: &chain,

@@ -82,7 +82,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut bench = model.as_ref().filter(|_| call.at.board == Place::InProcess).map(|model| {
         let chain = model.chain();
         let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-        let start = Start { state, drive_v };
+        let start = Start { state, drive_v, memory: 0.0 };
         // Latency and length are the board's; all boards have the same converters in process.
         let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
         Bench::new(&Setup { chain: &chain, start: &start, rate_hz: call.rate, samples: 0, latency_s, seed: call.seed })

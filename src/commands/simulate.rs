@@ -32,7 +32,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     check_unit(call, &program)?;
     let samples = samples(call, &program)?;
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v };
+    let start = Start { state, drive_v, memory: 0.0 };
     let setup =
         Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s: delay_s(call), seed: call.seed };
     let mut facts = Vec::new();

@@ -17,7 +17,7 @@ pub struct Twin {
 /// State and drive that a model's run begins with.
 pub fn start(model: &Model, chain: &Chain) -> Start {
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    Start { state, drive_v }
+    Start { state, drive_v, memory: 0.0 }
 }
 
 impl Twin {

@@ -104,6 +104,8 @@ pub struct Installed {
     pub axes: Vec<Axis>,
     /// Hysterons that it adds to the plant: each log begins with what they hold.
     pub hysterons: usize,
+    /// Whether it has a memory besides, a play or a presliding friction.
+    pub remembers: bool,
 }
 
 /// One parameter as the search walks it.
@@ -190,10 +192,16 @@ impl Hypothesis {
         let mut chain = Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL };
         (form.install)(&mut chain, &values);
         let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
+        let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
         let mut installed = self.installed.clone();
-        installed.push(Installed { effect, form, axes, hysterons });
+        installed.push(Installed { effect, form, axes, hysterons, remembers });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, freedom }
+    }
+
+    /// Whether logs begin with a memory besides that of hysterons.
+    pub fn remembers(&self) -> bool {
+        self.installed.iter().any(|installed| installed.remembers)
     }
 
     /// Parameters of its forms.
@@ -366,10 +374,11 @@ impl<'a> Bench<'a> {
 
     /// Coordinates of a log's start.
     pub(super) fn start_count(&self, hypothesis: &Hypothesis) -> usize {
+        let held = self.hysterons(hypothesis) + usize::from(hypothesis.remembers());
         match hypothesis.freedom {
             Freedom::Relaxed => 0,
-            Freedom::Rest => 1 + self.hysterons(hypothesis),
-            Freedom::Any => 3 + self.hysterons(hypothesis),
+            Freedom::Rest => 1 + held,
+            Freedom::Any => 3 + held,
         }
     }
 
@@ -531,6 +540,10 @@ impl<'a> Bench<'a> {
             }
         };
         let mut start = Start::at_rest(chain, before_v, held_v);
+        if hypothesis.remembers() {
+            // Last of a log's start.
+            start = start.remembering(chain, own[self.start_count(hypothesis) - 1].tanh());
+        }
         if hypothesis.freedom == Freedom::Any {
             let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
             start.state.displacement_m += 0.1 * self.stroke_m * own[1 + count];

@@ -196,11 +196,13 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // the refit leaves of the whole gap is left then.
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
     let rest = (excess / whole.max(excess)).sqrt();
-    if rest < NEARLY_ALL && refit.found.prior_cost > FREED_FIRST {
+    // Where next to nothing is left, what a direction pays for need not be as much.
+    let least = if rest < BENT { FREED_BESIDES } else { FREED_FIRST };
+    if rest < NEARLY_ALL && refit.found.prior_cost > least {
         let freed = freed(search, &refit);
         let pays = |freed: &Freed| freed.cost < PAYS_FOR_ALL * freed.cost_without;
         let freed = freed.into_iter().filter(pays).collect();
-        explanations.extend(by_symmetry(freed, &refit, rest, floor, without, FREED_FIRST));
+        explanations.extend(by_symmetry(freed, &refit, rest, floor, without, least));
     }
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them.
@@ -246,8 +248,8 @@ fn by_scatter(
         found.push(Explanation { scatter: Some((effect, form, *scattered)), ..explanation });
     };
     if scattered.jitter_s > 8.0 * scattered.jitter_sigma_s {
-        // A line through bins leaves a few per cent of its own.
-        let left = (0.5 * (1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.05).max(0.0) + 0.02;
+        // A line through bins misses a tenth of the power now and then.
+        let left = ((1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.1).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
         add("sampling_jitter", "white", scattered.jitter_s, left + rival);
     }

@@ -160,10 +160,19 @@ pub(super) fn carry(
         if same {
             let (at, into) = (here.own_start(from, index), there.own_start(to, index));
             let (old, new) = (here.start_count(from), there.start_count(to));
-            let held = old.min(new).min(1 + here.hysterons(from).min(there.hysterons(to)));
-            carried[into..into + held].copy_from_slice(&z[at..at + held]);
+            let mut copy = |place: usize, origin: usize, count: usize| {
+                carried[into + place..into + place + count].copy_from_slice(&z[at + origin..at + origin + count]);
+            };
+            // The volts before and the hysterons, then displacement and velocity, then what else remembers.
+            let hysterons = [there.hysterons(to), here.hysterons(from)];
+            if old.min(new) > 0 {
+                copy(0, 0, 1 + hysterons[0].min(hysterons[1]));
+            }
             if [from.freedom, to.freedom] == [Freedom::Any; 2] {
-                carried[into + new - 2..into + new].copy_from_slice(&z[at + old - 2..at + old]);
+                copy(1 + hysterons[0], 1 + hysterons[1], 2);
+            }
+            if old.min(new) > 0 && from.remembers() && to.remembers() {
+                copy(new - 1, old - 1, 1);
             }
         }
     }

@@ -21,6 +21,9 @@ const MOST: f64 = 30.0;
 /// Least amplitude a fit starts from, in typical sizes: at zero an effect has no gradient for its shape.
 const LEAST: f64 = 0.02;
 
+/// A line with more parameters than this has many harmonics.
+const MANY_HARMONICS: usize = 6;
+
 /// A form at a start value, and what it could explain.
 #[derive(Clone)]
 pub struct Lead {
@@ -238,17 +241,28 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]
                 .axes
                 .iter()
                 .map(|axis| {
-                    let is_line = axis.parameter.name == "line_hz";
+                    let (is_line, is_second) =
+                        (axis.parameter.name == "line_hz", axis.parameter.name == "second_line_hz");
+                    let beside = parameters.iter().any(|other| other.name == "second_line_hz");
+                    let is_rich = parameters.len() > MANY_HARMONICS;
                     let [low, high] = axis.parameter.bounds;
                     let within = |all: &[f64]| -> Vec<f64> {
                         all.iter().copied().filter(|hz| (low..=high).contains(hz)).collect()
                     };
                     // A resonance narrower than the spacing of the starts shows as a line under a broad excitation.
                     let is_resonance = axis.parameter.name == "natural_hz" && effect.id() == "vibration_mode";
-                    match (is_line, is_resonance) {
-                        (true, _) => within(line_hz),
-                        (_, true) => axis.starts().into_iter().chain(within(resonance_hz)).collect(),
-                        _ => axis.starts(),
+                    // The strongest line need not be the fundamental.
+                    let first = line_hz.first().map_or(Vec::new(), |hz| vec![*hz, hz / 2.0]);
+                    if is_second {
+                        within(line_hz.get(1..2).unwrap_or_default())
+                    } else if is_line && (beside || is_rich) {
+                        within(&first[..first.len().min(1 + usize::from(is_rich))])
+                    } else if is_line {
+                        within(line_hz)
+                    } else if is_resonance {
+                        axis.starts().into_iter().chain(within(resonance_hz)).collect()
+                    } else {
+                        axis.starts()
                     }
                 })
                 .collect();

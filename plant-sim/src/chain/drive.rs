@@ -14,6 +14,8 @@ pub struct Drive {
     pub range_v: [f64; 2],
     /// Width over which the output bends into its range, in volts; zero for a hard clip.
     pub knee_v: f64,
+    /// Gain that is left beyond the range; zero for an output that stops there.
+    pub slope_beyond: f64,
     /// Pure delay in seconds, >= 0.
     pub delay_s: f64,
     /// Step of the converter in volts; zero for none.
@@ -86,6 +88,7 @@ impl Drive {
     pub const IDEAL: Drive = Drive {
         range_v: [f64::NEG_INFINITY, f64::INFINITY],
         knee_v: 0.0,
+        slope_beyond: 0.0,
         delay_s: 0.0,
         quantum_v: 0.0,
         gain: 1.0,
@@ -103,7 +106,9 @@ impl Drive {
         let converted_v =
             if self.quantum_v > 0.0 { (command_v / self.quantum_v).round() * self.quantum_v } else { command_v };
         let wanted_v = self.gain * converted_v * (1.0 + self.curvature_per_v * converted_v);
-        if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) }
+        let within_v =
+            if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) };
+        within_v + self.slope_beyond * (wanted_v - within_v)
     }
 
     /// A clip whose corner is rounded over the knee: the primitive of a logistic step.

@@ -209,6 +209,17 @@ impl Simulator {
         }
     }
 
+    /// Play and presliding friction begin with this `share` of the most that they can hold, -1 to 1.
+    pub fn remember(&mut self, share: f64) {
+        if share == 0.0 {
+            return;
+        }
+        self.readout.hold(share);
+        if let Pace::Fine { laws: Some(laws), .. } = &mut self.pace {
+            laws.hold(share);
+        }
+    }
+
     /// Starts from `state` with `drive_v` held ever before.
     pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
         let mut packed = pack(state);

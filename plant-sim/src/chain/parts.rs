@@ -33,6 +33,12 @@ pub struct Parts {
 }
 
 impl Parts {
+    /// Friction that the structure can hold at rest, in newton.
+    pub fn holdable_n(&self) -> f64 {
+        let held = |force: &Force| if let Force::Presliding { coulomb_n, .. } = force { *coulomb_n } else { 0.0 };
+        self.forces.iter().map(held).sum()
+    }
+
     /// Whether a force or a bend is present, which only sub-steps can follow.
     pub(super) fn need_substeps(&self) -> bool {
         !self.forces.is_empty() || !self.bends.is_empty()

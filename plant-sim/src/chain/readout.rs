@@ -49,6 +49,12 @@ impl Readout {
         (self.behind_m, self.behind_m_per_s, self.lag) = (seen_m, 0.0, LagState::at(seen_m));
     }
 
+    /// The play has been left at this `share` of its half width from the middle.
+    pub(super) fn hold(&mut self, share: f64) {
+        self.behind_m += 0.5 * share * self.sensor.play_m;
+        self.lag = LagState::at(self.behind_m);
+    }
+
     /// One sample has passed, and the structure is at `displacement_m` and moves at `velocity_m_per_s`.
     #[inline]
     pub(super) fn advance(&mut self, displacement_m: f64, velocity_m_per_s: f64) {

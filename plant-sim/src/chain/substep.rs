@@ -163,6 +163,13 @@ impl Laws {
         }
     }
 
+    /// Every presliding friction has been pushed to this `share` of what it can hold.
+    pub(super) fn hold(&mut self, share: f64) {
+        let is_presliding = |force: &Force| matches!(force, Force::Presliding { .. });
+        let slid = self.slid.iter_mut().zip(&self.forces);
+        slid.filter(|(_, force)| is_presliding(force)).for_each(|(slid, _)| *slid = share);
+    }
+
     /// States of the engine that the laws look at.
     pub(super) fn states(&self) -> usize {
         self.rates.len()

@@ -9,7 +9,8 @@ const ABOUT: About = About {
     title: "amplifier saturation",
     what: "The amplifier's output stays within a range that is narrower than the command's.",
     equation: "v = min(max(u, L), U), or with rounded corners v = u - w ln(1 + exp((u - U)/w)) + w ln(1 + exp((L - \
-               u)/w)); u: command, v: drive, L and U: limits, w: knee",
+               u)/w)); where it only compresses, v + s (u - v); u: command, v: drive, L and U: limits, w: knee, s: gain \
+               that is left",
     source: "common form, size assumed",
     typical: "supplies end at -20 and 150 V; the knee takes a few volts",
     installs: "the drive's range and its knee",
@@ -67,6 +68,25 @@ const FORMS: &[Form] = &[
         |chain, p| {
             narrow(&mut chain.drive.range_v, [-p[0], p[0]]);
             chain.drive.knee_v = chain.drive.knee_v.max(p[1]);
+        },
+    ),
+    Form::predictable(
+        "compressing",
+        |scales| {
+            let drive_v = scales.drive_v;
+            let level = level(scales);
+            let bounds = [level.bounds[0], 3.0 * level.bounds[1]];
+            let starts = [0.7, 0.9, 1.5].map(|share| share * drive_v).to_vec();
+            vec![
+                Parameter::shape("level_v", "V", bounds, starts),
+                Parameter::shape("knee_v", "V", [2e-3 * drive_v, drive_v], vec![0.05 * drive_v, 0.3 * drive_v]),
+                Parameter::place("slope_beyond", "", [0.0, 0.95], vec![0.3]),
+            ]
+        },
+        |chain, p| {
+            narrow(&mut chain.drive.range_v, [-p[0], p[0]]);
+            chain.drive.knee_v = chain.drive.knee_v.max(p[1]);
+            chain.drive.slope_beyond = p[2];
         },
     ),
 ];

@@ -2,6 +2,8 @@
 
 use super::parts::add_hysteron;
 use super::{About, Form, Parameter, Scales};
+use crate::chain::DriveHysteresis;
+use crate::operators::{Counts, Law, Play, Plays};
 
 effect!(ExtraHysteron, "extra_hysteron", Actuator);
 
@@ -9,8 +11,9 @@ const ABOUT: About = About {
     title: "additional hysteron",
     what: "The hysteresis has one more element, with a dead zone of its own, than the nominal plant.",
     equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
-               its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Given by r = \
-               alpha^2 / (C k), k: stiffness, tau = C / beta, and the fast travel d C / alpha from one end of the \
+               its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Or h = s sum (V - p_i) / 5 \
+               with plays p_i of the drive V, thresholds evenly up to the reach, that the drive's force alpha V misses; s: share. \
+               Hysterons are given by r = alpha^2 / (C k), k: stiffness, tau = C / beta, and the fast travel d C / alpha from one end of the \
                dead zone to the other",
     source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements or relays: Prandtl-Ishlinskii \
              and Preisach models in Hassani's survey; size assumed",
@@ -41,4 +44,23 @@ const FORMS: &[Form] = &[
             add_hysteron(chain, p[0] / 3.0, p[1], p[2] * f64::from(third) / 3.0);
         }
     }),
+    Form::predictable(
+        "plays-of-the-voltage",
+        |scales| {
+            let starts = [0.1, 0.3, 0.8].map(|share| share * scales.drive_v).to_vec();
+            let bounds = [0.02 * scales.drive_v, 2.0 * scales.drive_v];
+            vec![Parameter::signed("drive_share", "", 0.5, 0.02), Parameter::shape("reach_v", "V", bounds, starts)]
+        },
+        |chain, p| {
+            let play =
+                |i: usize| Play { threshold_v: p[1] * i as f64 / PLAYS as f64, weight_per_v: p[0] / PLAYS as f64 };
+            let plays = Plays { plays: (1..=PLAYS).map(play).collect(), counts: Counts::Lags };
+            // A plant has one hysteresis of the voltage; one that has it already keeps it.
+            let force_n = chain.plant.transduction_c_per_m;
+            chain.parts.transducer.get_or_insert(DriveHysteresis { law: Law::Plays(plays), force_n });
+        },
+    ),
 ];
+
+/// Elements that share the reach evenly.
+const PLAYS: usize = 5;

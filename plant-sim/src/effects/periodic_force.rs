@@ -39,6 +39,16 @@ fn add(chain: &mut Chain, hz: f64, cos_n: f64, sin_n: f64) {
     chain.parts.forces.push(Force::Line { hz, cos_n, sin_n });
 }
 
+/// Fundamental and what goes with it: a push that is short has many.
+const HARMONICS: [[&str; 2]; 6] = [
+    ["cos_1_n", "sin_1_n"],
+    ["cos_2_n", "sin_2_n"],
+    ["cos_3_n", "sin_3_n"],
+    ["cos_4_n", "sin_4_n"],
+    ["cos_5_n", "sin_5_n"],
+    ["cos_6_n", "sin_6_n"],
+];
+
 const FORMS: &[Form] = &[
     Form::predictable(
         "line",
@@ -55,6 +65,31 @@ const FORMS: &[Form] = &[
         |chain, p| {
             add(chain, p[0], p[1], p[2]);
             add(chain, 2.0 * p[0], p[3], p[4]);
+        },
+    ),
+    Form::predictable(
+        "line-with-harmonics",
+        |scales| {
+            let phasors = HARMONICS.into_iter().flat_map(|names| amplitudes(scales, names));
+            std::iter::once(hz(scales)).chain(phasors).collect()
+        },
+        |chain, p| {
+            for (i, phasor) in p[1..].chunks_exact(2).enumerate() {
+                add(chain, p[0] * (i + 1) as f64, phasor[0], phasor[1]);
+            }
+        },
+    ),
+    Form::predictable(
+        "two-lines",
+        |scales| {
+            let second = Parameter { name: "second_line_hz", ..hz(scales) };
+            let first = amplitudes(scales, ["cos_n", "sin_n"]);
+            let phasors = first.into_iter().chain(amplitudes(scales, ["second_cos_n", "second_sin_n"]));
+            [hz(scales), second].into_iter().chain(phasors).collect()
+        },
+        |chain, p| {
+            add(chain, p[0], p[2], p[3]);
+            add(chain, p[1], p[4], p[5]);
         },
     ),
 ];

@@ -78,4 +78,17 @@ const FORMS: &[Form] = &[
         },
         |chain, p| chain.parts.arms.push(Arm { share: p[0], hz: p[1], damping_ratio: p[2] }),
     ),
+    Form::predictable(
+        "attached-and-read",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            let mass = Parameter::amplitude("mass_ratio", "", [0.0, 0.5], 0.01);
+            vec![mass, Parameter::signed("read_share", "", 0.9, 0.01), hz, damping_ratio]
+        },
+        |chain, p| {
+            attach(chain, &[p[0], p[2], p[3]]);
+            // The mass that reacts follows the structure as an arm does.
+            chain.parts.arms.push(Arm { share: p[1], hz: p[2], damping_ratio: p[3] });
+        },
+    ),
 ];
