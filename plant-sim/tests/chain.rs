@@ -2,7 +2,7 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arrivals, Chain, Cycle, Drive, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Warming,
+    Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -201,6 +201,10 @@ fn the_drive_saturates_and_rounds() {
         |chain: &Chain, command_v: &[f64]| predict(chain, &log(command_v.to_vec(), Hold::Zoh, 0.0), &start, ROWS);
     assert_eq!(through(&limited, &command_v), through(&chain(), &clamped));
 
+    let yielding = Chain { drive: Drive { range_v: [-20.0, 50.0], slope_beyond: 0.25, ..Drive::IDEAL }, ..chain() };
+    let compressed: Vec<f64> = command_v.iter().zip(&clamped).map(|(v, c)| c + 0.25 * (v - c)).collect();
+    assert_eq!(through(&yielding, &command_v), through(&chain(), &compressed));
+
     let coarse = Chain { drive: Drive { quantum_v: 0.5, ..Drive::IDEAL }, ..chain() };
     let rounded: Vec<f64> = command_v.iter().map(|v| (v / 0.5).round() * 0.5).collect();
     assert_eq!(through(&coarse, &command_v), through(&chain(), &rounded));
@@ -226,6 +230,41 @@ fn a_start_holds_its_drive_until_the_first_command_arrives() {
         assert_eq!(row >= 3, moved_m > 1e-18 * 50.0, "row {row}: {moved_m:e}");
         simulator.advance(Held::zero_order(-25.0), 0.0);
     }
+}
+
+#[test]
+fn what_friction_and_play_remember_is_there_at_the_start() {
+    let (coulomb_n, presliding_m) = (0.1, 2e-6);
+    let rubbed = Chain {
+        parts: Parts { forces: vec![Force::Presliding { coulomb_n, presliding_m }], ..Parts::default() },
+        ..chain()
+    };
+    let rest = Start::at_rest(&rubbed, 25.0, vec![3.0]);
+    let held = rest.clone().remembering(&rubbed, 0.5);
+    // Friction keeps half of its force from the spring, and nothing moves.
+    let shift_m = held.state.displacement_m - rest.state.displacement_m;
+    assert!((shift_m / (-0.5 * coulomb_n / 24579.0) - 1.0).abs() < 1e-9, "{shift_m:e}");
+    let still = predict(&rubbed, &log(vec![25.0; ROWS], Hold::Zoh, 0.0), &held, ROWS);
+    let moved_m = still.iter().map(|y| (y - still[0]).abs()).fold(0.0, f64::max);
+    assert!(moved_m < 1e-14, "{moved_m:e}");
+    // Without what it holds it would move.
+    let forgetful = Start { memory: 0.0, ..held };
+    assert!(distance(&predict(&rubbed, &log(vec![25.0; ROWS], Hold::Zoh, 0.0), &forgetful, ROWS), &still) > 1e-8);
+
+    // A play that was left at its upper end lets the structure come down by its whole width before it follows, and up by nothing.
+    let loose = Chain { sensor: Sensor { play_m: 2e-6, ..Sensor::IDEAL }, ..chain() };
+    let start = Start::relaxed(&loose).remembering(&loose, 1.0);
+    let read = |volts: f64| predict(&loose, &log(vec![volts; ROWS], Hold::Zoh, 0.0), &start, ROWS);
+    assert!(read(0.0).iter().all(|y| (y - 1e-6).abs() < 1e-18));
+    let small_v = 0.3;
+    assert!(read(small_v).iter().all(|y| (y - 1e-6).abs() < 1e-18), "0.5 um up stay within the play");
+    let last_m = |volts: f64| read(volts)[ROWS - 1];
+    let plain_m = |volts: f64| {
+        let start = Start::relaxed(&chain());
+        predict(&chain(), &log(vec![volts; ROWS], Hold::Zoh, 0.0), &start, ROWS)[ROWS - 1]
+    };
+    // Down by 20 V and rung out: the play hangs above, or was dragged below by the overshoot, by half its width at the most.
+    assert!((last_m(-20.0) - plain_m(-20.0)).abs() <= 1e-6 * (1.0 + 1e-9));
 }
 
 #[test]

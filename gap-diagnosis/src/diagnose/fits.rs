@@ -24,10 +24,13 @@ const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
-/// A fit that leaves so many times what the screening promised is tried from elsewhere.
+/// A fit that leaves so many times what the screening promised, where that was nearly all, is tried from elsewhere.
 const MUCH_MORE: f64 = 2.0;
+const PROMISING: f64 = 0.9;
 /// A single explanation that leaves more than this invites a second effect.
 pub(super) const PAIR_BEYOND: f64 = 0.06;
+/// .. by this much of the noise's power: less is a matter of the first one's form.
+const NEAR_NOISE: f64 = 1.12;
 /// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
 const AS_GOOD: f64 = 1.5;
 /// .. but not beside a fit that leaves this much: the stronger of two effects takes half of the power, which leaves 0.71 of the gap.
@@ -59,7 +62,7 @@ impl Fits<'_> {
         if leads.first().is_none_or(|lead| lead.share < HOPELESS) {
             return fits;
         }
-        if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi - 1.0 > 0.02) {
+        if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi > NEAR_NOISE) {
             fits.extend(self.pairs(&fits));
         }
         fits
@@ -164,7 +167,7 @@ impl Fits<'_> {
     fn fit_of(&self, lead: &Lead) -> Candidate {
         let fit = self.search.extend(self.refit, lead, true);
         let promised = (1.0 - lead.share).max(0.0).sqrt();
-        if fit.chi < AT_NOISE || self.left(&fit) < MUCH_MORE * promised.max(WELL) {
+        if lead.share < PROMISING || fit.chi < AT_NOISE || self.left(&fit) < MUCH_MORE * promised {
             return fit;
         }
         better(fit, self.search.extend(self.refit, lead, false))

@@ -31,6 +31,15 @@ impl Sums {
     fn of(count: usize) -> Self {
         Self { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 }
     }
+
+    /// These, or, of a plant that is no number any more (a spring that softens without end lets go), those of one that is far off in all
+    /// `rows`: it explains nothing, and sums stay numbers.
+    fn or_far_off(self, rows: usize) -> Self {
+        if self.squares_m2.is_finite() {
+            return self;
+        }
+        Self { squares_m2: RUN_AWAY_M * RUN_AWAY_M * rows as f64, rows, ..Self::of(self.gradient.len()) }
+    }
 }
 
 /// Sums of all logs at one point.
@@ -228,11 +237,7 @@ pub fn evaluate(
                 sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(chunk.residuals_m), 1.0);
             }
         }
-        if !sums.squares_m2.is_finite() {
-            // A spring that softens without end lets go: a plant that has run away is no explanation, and no number to reckon with.
-            sums = Sums { squares_m2: RUN_AWAY_M * RUN_AWAY_M * n as f64, rows: n, ..Sums::of(count) };
-        }
-        sums
+        sums.or_far_off(n)
     };
     let logs = (0..bench.records.len()).into_par_iter().map(one_log).collect();
     Normal { logs, shared: bench.shared(hypothesis), own: bench.own(hypothesis) }
@@ -272,5 +277,23 @@ impl Normal {
     /// Rms of the fitted rows of all logs, metres.
     pub fn rms_m(&self) -> f64 {
         (self.logs.iter().map(|log| log.squares_m2).sum::<f64>() / self.rows().max(1) as f64).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plant_that_has_run_away_is_far_off_and_finite() {
+        let sums = |squares_m2| Sums { squares_m2, rows: 7, products: DMatrix::repeat(2, 2, f64::NAN), ..Sums::of(2) };
+        for squares_m2 in [f64::NAN, f64::INFINITY] {
+            let far = Normal { logs: vec![sums(squares_m2).or_far_off(10)], shared: 2, own: 0 };
+            assert_eq!((far.rms_m(), far.rows()), (RUN_AWAY_M, 10));
+            let (information, gradient) = far.assemble(&[1e16]);
+            assert!(information.iter().chain(gradient.iter()).all(|v| *v == 0.0));
+        }
+        let kept = sums(2.0).or_far_off(10);
+        assert_eq!((kept.squares_m2, kept.rows), (2.0, 7));
     }
 }

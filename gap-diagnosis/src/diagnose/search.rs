@@ -16,6 +16,8 @@ use std::sync::atomic::AtomicUsize;
 /// A log is locked if its mean square, in units of the noise, is beyond this, and so many times that of the log in the middle.
 const LOCKED_LEAST: f64 = 1.3;
 const LOCKED: f64 = 2.0;
+/// .. if the one in the middle is fitted this well: where the plant is wrong, no start helps.
+const NEARLY: f64 = 4.0;
 
 /// A hypothesis, fitted.
 #[derive(Clone)]
@@ -80,7 +82,11 @@ impl Search<'_> {
         let chis: Vec<f64> = logs.map(|(log, w)| w * log.squares_m2 / log.rows.max(1) as f64).collect();
         let mut sorted = chis.clone();
         sorted.sort_by(f64::total_cmp);
-        let limit = LOCKED_LEAST.max(LOCKED * sorted[(sorted.len() - 1) / 2]);
+        let middle = sorted[(sorted.len() - 1) / 2];
+        if middle > NEARLY {
+            return candidate;
+        }
+        let limit = LOCKED_LEAST.max(LOCKED * middle);
         let mut z = candidate.found.z.clone();
         for index in (0..chis.len()).filter(|index| chis[*index] > limit) {
             settle_anew(self.bench, &candidate.hypothesis, &mut z, index);
