@@ -8,7 +8,7 @@
 /// Weight of the logarithm of the unexplained fraction.
 pub const SHARPNESS: f64 = 3.0;
 /// Unexplained fraction at which an explanation is as good as `unknown`.
-pub const UNKNOWN_LEFT: f64 = 0.35;
+pub const UNKNOWN_LEFT: f64 = 0.4;
 /// Weight of one unit of prior cost, and the cost that a true explanation has anyway.
 pub const PRIOR_WEIGHT: f64 = 0.03;
 /// Largest penalty for prior cost: mimics are told by it, but a large error of a nominal number may be true as well.

@@ -9,14 +9,14 @@ use super::symmetry::along;
 use plant_sim::effects::{Kind, find};
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
-const LEAST_SHARE: f64 = 0.25;
+const LEAST_SHARE: f64 = 0.3;
 const FIRST: usize = 3;
 /// Share below which not even the best lead says anything.
 pub(super) const HOPELESS: f64 = 0.1;
 /// Once a fit leaves less than this, only leads are followed that explain as much as its own.
 pub(super) const FOUND: f64 = 0.03;
 const AS_MUCH: f64 = 0.85;
-const MOST_FITS: usize = 6;
+const MOST_FITS: usize = 5;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
 /// An entry whose fit leaves more than this is tried in its other forms as well.

@@ -259,6 +259,8 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]
                         within(&first[..first.len().min(1 + usize::from(is_rich))])
                     } else if is_line {
                         within(line_hz)
+                    } else if is_resonance && amplitudes.len() > 1 {
+                        within(resonance_hz)
                     } else if is_resonance {
                         axis.starts().into_iter().chain(within(resonance_hz)).collect()
                     } else {

@@ -13,6 +13,9 @@ const SAME_COST: f64 = 9.0;
 /// Ratio of probabilities within which two good fits are one answer, and what a good fit leaves at most.
 const SAME_PROBABILITY: f64 = 5.0;
 const GOOD: f64 = 0.10;
+/// Fits that leave much, but as much as one another within this share, are one answer as well, up to this fraction.
+const ALIKE: f64 = 0.02;
+const HALF: f64 = 0.5;
 /// What of an explanation's probability each of its members gets at least.
 const LEAST_SHARE: f64 = 0.3;
 /// Entries that are decided by priors alone.
@@ -50,16 +53,19 @@ pub struct Class {
 
 /// The explanation that is named; none for `no_gap` and `unknown`.
 ///
-/// Explanations that these logs can't tell apart count together: the truth doesn't become less probable by having a twin.
+/// Explanations that these logs can't tell apart count together, and so do those that share an effect: the truth doesn't become less
+/// probable by having a twin, nor by having company.
 pub(super) fn named<'c>(search: &Search<'_>, course: &'c Course) -> (Verdict, Option<&'c Explanation>) {
     let otherwise = if course.no_gap > course.unknown { Verdict::NoGap } else { Verdict::Unknown };
     let Some(top) = course.explanations.first() else { return (otherwise, None) };
     let classes = classes(search, course, top);
-    let twins = course.explanations.iter().skip(1).filter(|other| {
-        differing(&top.judged.ids, &other.judged.ids)
-            .is_some_and(|[a, b]| classes.iter().any(|c| [a, b].iter().all(|id| c.members.iter().any(|m| m == id))))
+    let with = course.explanations.iter().skip(1).filter(|other| {
+        let shares = other.judged.ids.iter().any(|id| top.judged.ids.contains(id));
+        shares
+            || differing(&top.judged.ids, &other.judged.ids)
+                .is_some_and(|[a, b]| classes.iter().any(|c| [a, b].iter().all(|id| c.members.iter().any(|m| m == id))))
     });
-    let together = top.probability + twins.map(|twin| twin.probability).sum::<f64>();
+    let together = top.probability + with.map(|other| other.probability).sum::<f64>();
     if together > course.unknown && together > course.no_gap {
         (Verdict::Explained, Some(top))
     } else {
@@ -157,7 +163,9 @@ pub(super) fn classes(search: &Search<'_>, course: &Course, top: &Explanation) -
         }
         let (left, their_left) = (top.judged.left, other.judged.left);
         let floor = top.judged.floor.max(other.judged.floor);
-        let close = (left - their_left).abs() < floor && left.max(their_left) < GOOD;
+        // What leaves as much is as good, be the form wrong in the same way.
+        let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;
+        let close = alike || (left - their_left).abs() < floor && left.max(their_left) < GOOD;
         let even = top.probability < SAME_PROBABILITY * other.probability && left.max(their_left) < GOOD;
         if close || even {
             for id in [own, theirs] {
