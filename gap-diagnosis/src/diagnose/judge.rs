@@ -32,6 +32,8 @@ pub(super) const FREED_BESIDES: f64 = 60.0;
 const FREED_FIRST: f64 = 300.0;
 const PAYS_FOR_ALL: f64 = 0.05;
 const NEARLY_ALL: f64 = 0.1;
+/// A fit that leaves more than this says nothing of a direction.
+const MOSTLY: f64 = 0.35;
 /// Least fraction of the gap that an effect beside a fit above the noise is taken to leave.
 const BENT: f64 = 0.02;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
@@ -75,6 +77,14 @@ impl Explanation {
         self.judged.ids.push(id);
         self.judged.parameters += 1;
         self
+    }
+
+    /// The same with what the nominal numbers imitate beside it, where the numbers leave `rest` of the whole gap.
+    fn along(self, freed: &Freed, rest: f64) -> Self {
+        let mut explanation = self.and(freed.effect);
+        explanation.judged.left *= rest;
+        explanation.judged.prior_cost = freed.cost.max(0.0);
+        Self { freed: Some(freed.clone()), ..explanation }
     }
 }
 
@@ -193,23 +203,34 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         explanations.extend(both);
     }
     // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
-    // the refit leaves of the whole gap is left then.
+    // the refit leaves of the whole gap is left then, and less of it with what else was found.
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
     let rest = (excess / whole.max(excess)).sqrt();
     // Where next to nothing is left, what a direction pays for need not be as much.
     let least = if rest < BENT { FREED_BESIDES } else { FREED_FIRST };
-    if rest < NEARLY_ALL && refit.found.prior_cost > least {
-        let freed = freed(search, &refit);
-        let pays = |freed: &Freed| freed.cost < PAYS_FOR_ALL * freed.cost_without;
-        let freed = freed.into_iter().filter(pays).collect();
-        explanations.extend(by_symmetry(freed, &refit, rest, floor, without, least));
+    let mut paying = Vec::new();
+    if rest < NEARLY_ALL && refit.found.prior_cost > FREED_BESIDES {
+        paying = freed(search, &refit);
+        paying.retain(|freed| freed.cost < PAYS_FOR_ALL * freed.cost_without && !without.contains(&freed.effect));
     }
+    if let Some(first) = paying.first() {
+        // Scatter bends no number: beside it a direction need not pay more than beside a fit.
+        let beside = by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty());
+        let well = beside.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
+        explanations.extend(well.map(|explanation| explanation.along(first, rest)));
+    }
+    let is_direction = |effect: &str| refit.found.prior_cost > least && paying.iter().any(|f| f.effect == effect);
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
-    // can be believed about them.
-    if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < FOUND) {
-        let freed = freed(search, best);
-        explanations.extend(by_symmetry(freed, best, left, floor, without, FREED_BESIDES));
+    // can be believed about them, or one of which the refit knew the direction before.
+    if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < MOSTLY) {
+        let (known, others): (Vec<Freed>, Vec<Freed>) =
+            freed(search, best).into_iter().partition(|freed| is_direction(freed.effect));
+        explanations.extend(by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES));
+        if left < FOUND {
+            explanations.extend(by_symmetry(others, best, left, floor, without, FREED_BESIDES));
+        }
     }
+    explanations.extend(by_symmetry(paying, &refit, rest, floor, without, least));
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();
     scores.extend([nothing, unknown_score()]);
