@@ -173,11 +173,13 @@ impl Fits<'_> {
         better(fit, self.search.extend(self.refit, lead, false))
     }
 
-    /// Where the best fit is at the noise, rivals that came as near in one of their forms are fitted in the others: which of them is
-    /// named must not hang on a form that the screening could not tell from the next.
+    /// Where several fits came to the noise, each is tried in its other forms, the best as well: which of them is named must not hang on a
+    /// form that the screening could not tell from the next.
     fn rivals(&self, mut fits: Vec<Candidate>, leads: &[Lead]) -> Vec<Candidate> {
-        let Some(least) = fits.first().map(|best| best.chi).filter(|chi| *chi < AT_NOISE) else { return fits };
-        for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE && fit.chi > least) {
+        if fits.iter().filter(|fit| fit.chi < AT_NOISE).count() < 2 {
+            return fits;
+        }
+        for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE) {
             let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
             let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
                 continue;
