@@ -70,7 +70,9 @@ impl Record<'_> {
     #[inline]
     pub fn off_lattice_m(&self, difference_m: f64) -> f64 {
         if self.lattice_m > 0.0 {
-            (difference_m.abs() - 0.5 * self.lattice_m).max(0.0).copysign(difference_m)
+            // Not `max`, which would make a perfect fit of what is no number.
+            let beyond_m = difference_m.abs() - 0.5 * self.lattice_m;
+            if beyond_m < 0.0 { 0.0 } else { beyond_m.copysign(difference_m) }
         } else {
             difference_m
         }

@@ -188,18 +188,20 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let mut explanations: Vec<Explanation> =
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
-    explanations.extend(by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty()));
+    let scatter_of = |scattered: &Scattered, fit: &Candidate| {
+        by_scatter(scattered, fit, floor, without, best_share, !line_hz.is_empty())
+    };
+    let scatter = scatter_of(&scattered, &refit);
+    explanations.extend(scatter.iter().cloned());
     // What a fit leaves may scatter as well.
     if let Some((best, left)) =
         best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left > PAIR_BEYOND)
     {
         let beside = self::scattered(bench, &search.play(best));
-        let both = by_scatter(&beside, best, floor, without, best_share, !line_hz.is_empty()).into_iter().map(
-            |mut explanation| {
-                explanation.judged.left *= left;
-                explanation
-            },
-        );
+        let both = scatter_of(&beside, best).into_iter().map(|mut explanation| {
+            explanation.judged.left *= left;
+            explanation
+        });
         explanations.extend(both);
     }
     // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
@@ -215,8 +217,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     }
     if let Some(first) = paying.first() {
         // Scatter bends no number: beside it a direction need not pay more than beside a fit.
-        let beside = by_scatter(&scattered, &refit, floor, without, best_share, !line_hz.is_empty());
-        let well = beside.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
+        let well = scatter.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
         explanations.extend(well.map(|explanation| explanation.along(first, rest)));
     }
     let is_direction = |effect: &str| refit.found.prior_cost > least && paying.iter().any(|f| f.effect == effect);

@@ -283,6 +283,31 @@ impl Normal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::bench::Freedom;
+    use crate::diagnose::records::record;
+    use plant_sim::effects::find;
+    use plant_sim::model::Model;
+    use std::path::Path;
+
+    /// A spring that softens with the cube lets go beyond some displacement, and the plant is no number any more.
+    #[test]
+    fn a_fit_that_has_run_away_is_far_off() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let mut log =
+            Log { dt_s: 5e-5, displacement_m: vec![0.0; 4000], command_v: vec![60.0; 4000], ..Log::default() };
+        log.displacement_m.iter_mut().enumerate().for_each(|(k, y)| *y = 1e-4 + 1e-8 * (k % 7) as f64);
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let effect = find("nonlinear_stiffness").expect("an entry");
+        let cubic = effect.forms().iter().find(|form| form.name == "cubic").expect("a form");
+        let hypothesis = Hypothesis::nominal(Freedom::Relaxed).with(effect, cubic, &bench.scales());
+        let mut z = bench.origin(&hypothesis);
+        bench.set_last(&hypothesis, &mut z, &[f64::MIN]);
+        let mut reader = reader(&bench, &hypothesis, &z, 0);
+        assert!((0..log.len()).any(|_| !reader.next_m().is_finite()), "the test needs a plant that runs away");
+        let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::All, &AtomicUsize::new(0));
+        assert_eq!(normal.rms_m(), RUN_AWAY_M);
+    }
 
     #[test]
     fn a_plant_that_has_run_away_is_far_off_and_finite() {

@@ -67,8 +67,12 @@ impl Readout {
         let half_m = 0.5 * self.sensor.play_m;
         // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
         let crept_m = self.dragged_m(displacement_m);
-        // Not `clamp`, which panics where a search has led the plant to where it is no number any more.
-        let now_m = crept_m.max(displacement_m - half_m).min(displacement_m + half_m);
+        // Where a search has led the plant to where it is no number any more, the reading is none either.
+        let now_m = if displacement_m.is_nan() {
+            displacement_m
+        } else {
+            crept_m.clamp(displacement_m - half_m, displacement_m + half_m)
+        };
         let now_m_per_s =
             if now_m == crept_m && half_m > 0.0 { (crept_m - self.behind_m) / self.sample_s } else { velocity_m_per_s };
         if self.sensor.lag.is_some() {
