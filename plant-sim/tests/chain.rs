@@ -205,6 +205,10 @@ fn the_drive_saturates_and_rounds() {
     let compressed: Vec<f64> = command_v.iter().zip(&clamped).map(|(v, c)| c + 0.25 * (v - c)).collect();
     assert_eq!(through(&yielding, &command_v), through(&chain(), &compressed));
 
+    let skew = Chain { drive: Drive { gain_skew: 0.1, ..Drive::IDEAL }, ..chain() };
+    let skewed: Vec<f64> = command_v.iter().map(|v| v + 0.1 * v.abs()).collect();
+    assert_eq!(through(&skew, &command_v), through(&chain(), &skewed));
+
     let coarse = Chain { drive: Drive { quantum_v: 0.5, ..Drive::IDEAL }, ..chain() };
     let rounded: Vec<f64> = command_v.iter().map(|v| (v / 0.5).round() * 0.5).collect();
     assert_eq!(through(&coarse, &command_v), through(&chain(), &rounded));

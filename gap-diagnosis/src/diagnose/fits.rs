@@ -24,11 +24,13 @@ const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
+/// .. but not where the first of them promised less than this: no form of it comes to the noise.
+const LITTLE: f64 = 0.5;
 /// A fit that leaves so many times what the screening promised, where that was nearly all, is tried from elsewhere.
 const MUCH_MORE: f64 = 2.0;
 const PROMISING: f64 = 0.9;
 /// A single explanation that leaves more than this invites a second effect.
-pub(super) const PAIR_BEYOND: f64 = 0.06;
+pub(super) const PAIR_BEYOND: f64 = 0.08;
 /// .. by this much of the noise's power: less is a matter of the first one's form.
 const NEAR_NOISE: f64 = 1.12;
 /// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
@@ -37,6 +39,9 @@ const AS_GOOD: f64 = 1.5;
 const HARDLY_HALF: f64 = 0.75;
 /// .. must take at least this much of what was left.
 const PAIR_TAKES: f64 = 0.5;
+/// Single fits that leave less than this many times as much as the best may stand in its place beside a second effect; so many at most.
+const TWIN: f64 = 1.1;
+const MOST_TWINS: usize = 2;
 /// One effect fits as well as two if the mean square is no more than this many times theirs.
 const AS_WELL: f64 = 1.01;
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
@@ -83,15 +88,35 @@ impl Fits<'_> {
             for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
                 let pair = self.search.extend(first, lead, false);
                 let is_found = self.left(&pair) < FOUND || pair.chi < AT_NOISE;
-                if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
-                    pairs.push(if is_found { self.least(pair) } else { pair });
-                }
                 if is_found {
+                    pairs.extend(self.twins(singles, first, &seconds, lead));
+                    pairs.push(self.least(pair));
                     return pairs;
+                }
+                if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
+                    pairs.push(pair);
                 }
             }
         }
         pairs
+    }
+
+    /// What a pair of `first` with `lead` may be taken for: either of them with what alone was as good as the other.
+    fn twins(&self, singles: &[Candidate], first: &Candidate, seconds: &[Lead], lead: &Lead) -> Vec<Candidate> {
+        let own = first.hypothesis.ids();
+        let others = singles.iter().filter(|other| {
+            let ids = other.hypothesis.ids();
+            ids != own && !ids.contains(&lead.effect.id()) && self.left(other) < TWIN * self.left(first)
+        });
+        let mut twins: Vec<Candidate> =
+            others.take(MOST_TWINS).map(|other| self.search.extend(other, lead, false)).collect();
+        let is_lag = |lead: &Lead| LAGS.contains(&lead.effect.id());
+        if is_lag(lead) {
+            let lags =
+                distinct(seconds).into_iter().filter(|other| is_lag(other) && other.effect.id() != lead.effect.id());
+            twins.extend(lags.take(MOST_TWINS).map(|other| self.search.extend(first, other, false)));
+        }
+        twins
     }
 
     /// One of a pair's effects, if that alone fits as well: the other only led it out of a local minimum.
@@ -123,7 +148,8 @@ impl Fits<'_> {
         // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
-        for fit in fits.iter_mut().take(finalists) {
+        let least = fits.first().map_or(0.0, |fit| self.left(fit));
+        for fit in fits.iter_mut().take(finalists).take_while(|fit| self.left(fit) <= AS_GOOD * least) {
             let is_above = (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE;
             let is_bent = self.left(fit) < FOUND && fit.found.prior_cost > FREED_BESIDES;
             if is_above || is_bent {
@@ -132,6 +158,9 @@ impl Fits<'_> {
                 let numbers = along(self.search.bench, &self.refit.found);
                 if let Some(numbers) = numbers.filter(|_| self.left(fit) > WELL) {
                     *fit = self.search.polish_from(fit.clone(), &numbers);
+                }
+                if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES {
+                    *fit = self.search.unbent(fit.clone());
                 }
             }
         }
@@ -155,7 +184,7 @@ impl Fits<'_> {
         for other in
             others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
         {
-            if self.left(&fit) < WELL || fit.chi < AT_NOISE {
+            if self.left(&fit) < WELL || fit.chi < AT_NOISE || lead.share < LITTLE {
                 break;
             }
             fit = better(fit, self.fit_of(other));

@@ -150,7 +150,11 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
         if !(has_gap(&refit) || is_bent) || refit.chi > LOCAL_MINIMUM {
             break;
         }
-        refit = search.refit_elsewhere(refit, attempt);
+        refit = if is_bent && !has_gap(&refit) && attempt == 0 {
+            search.unbent(refit)
+        } else {
+            search.refit_elsewhere(refit, attempt)
+        };
     }
     refit
 }

@@ -194,6 +194,20 @@ impl Search<'_> {
         if total(&again) < total(&candidate) { again } else { candidate }
     }
 
+    /// A candidate at the noise again, its nominal numbers put back at nominal and its readings counted as the independent ones that they
+    /// are worth; the better of both under that count. Numbers that a kink holds far from nominal, or noise that lasts, come home.
+    pub fn unbent(&self, candidate: Candidate) -> Candidate {
+        let count = |weights: Vec<f64>| weights.iter().sum::<f64>();
+        let repeats = count(noise_weights(self.bench)) / count(self.independent_weights(&candidate));
+        let mut z = candidate.found.z.clone();
+        z[..self.bench.free.len()].fill(0.0);
+        let mut stages = STAGES;
+        stages[STAGES.len() - 1] = repeats;
+        let other = self.descend(&candidate.hypothesis, z, &stages);
+        let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
+        if total(&other) < total(&candidate) { other } else { candidate }
+    }
+
     /// What stays of every row of each log, and how fast the plant moved there.
     pub fn play(&self, candidate: &Candidate) -> Vec<Remainder> {
         let one = |index: usize| {

@@ -7,7 +7,8 @@ effect!(AmplifierGain, "amplifier_gain", Drive);
 const ABOUT: About = About {
     title: "amplifier gain",
     what: "The amplifier delivers a fixed share more or less than it should.",
-    equation: "v = (1 + g) u; u: command, v: drive, g: relative gain error",
+    equation: "v = (1 + g) u, or v = (1 + s sign(u)) u; u: command, v: drive, g: relative gain error, s: half of the \
+               difference between the gains of either polarity (two output stages)",
     source: "common form, size assumed",
     typical: "0.5 to 5 %",
     installs: "a factor on the drive",
@@ -20,8 +21,16 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@1Hz+minor-loops:20V@1Hz",
 };
 
-const FORMS: &[Form] = &[Form::predictable(
-    "gain",
-    |_| vec![Parameter::signed("relative_gain", "", 0.5, 0.02)],
-    |chain, p| chain.drive.gain *= 1.0 + p[0],
-)];
+const FORMS: &[Form] = &[
+    Form::predictable(
+        "gain",
+        |_| vec![Parameter::signed("relative_gain", "", 0.5, 0.02)],
+        |chain, p| chain.drive.gain *= 1.0 + p[0],
+    ),
+    // The gain that both have in common is a number of the plant's; its other half is left.
+    Form::predictable(
+        "by-polarity",
+        |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
+        |chain, p| chain.drive.gain_skew += p[0],
+    ),
+];
