@@ -209,6 +209,10 @@ fn the_drive_saturates_and_rounds() {
     let skewed: Vec<f64> = command_v.iter().map(|v| v + 0.1 * v.abs()).collect();
     assert_eq!(through(&skew, &command_v), through(&chain(), &skewed));
 
+    let growing = Chain { drive: Drive { gain_growth_per_v: 2e-3, ..Drive::IDEAL }, ..chain() };
+    let grown: Vec<f64> = command_v.iter().map(|v| v * (1.0 + 2e-3 * v.abs())).collect();
+    assert_eq!(through(&growing, &command_v), through(&chain(), &grown));
+
     let coarse = Chain { drive: Drive { quantum_v: 0.5, ..Drive::IDEAL }, ..chain() };
     let rounded: Vec<f64> = command_v.iter().map(|v| (v / 0.5).round() * 0.5).collect();
     assert_eq!(through(&coarse, &command_v), through(&chain(), &rounded));

@@ -82,7 +82,7 @@ pub(super) fn augment(
         return Augmented { variant, covariance, wrong: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
-        let found = descend(bench, &hypothesis, z, &AGAIN, search.simulations);
+        let found = descend(bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
         let candidate = Candidate { hypothesis, found, ..base.clone() };
         let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);

@@ -24,6 +24,8 @@ const HELD: f64 = 0.02;
 /// Steps at most in a stage and in the last.
 const STEPS: usize = 2;
 const LAST_STEPS: usize = 12;
+/// Steps of the last stage after which it must be getting somewhere.
+const FIRST_STEPS: usize = 3;
 /// Damping to begin with, and that at which a step is given up, relative to the information's diagonal.
 const DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e3;
@@ -58,12 +60,13 @@ fn prior_cost(rules: &[Rule], z: &[f64], only: usize) -> f64 {
     rules.iter().zip(z).take(only).map(|(rule, &z)| rule.cost(z)).sum()
 }
 
-/// Descends from `z` through `stages`.
+/// Descends from `z` through `stages`; a last stage that comes to no lower data cost than `to_beat` in a few steps is given up.
 pub fn descend(
     bench: &Bench<'_>,
     hypothesis: &Hypothesis,
     mut z: Vec<f64>,
     stages: &[f64],
+    to_beat: f64,
     simulations: &AtomicUsize,
 ) -> Found {
     let rules = bench.rules(hypothesis);
@@ -86,7 +89,10 @@ pub fn descend(
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
         let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules) };
-        for _ in 0..steps {
+        for number in 0..steps {
+            if last && number >= FIRST_STEPS && normal.cost(&noise) > to_beat {
+                break;
+            }
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
             let Some(next) = step(bench, hypothesis, &rules, &z, &normal, &weights, before, simulations) else { break };

@@ -24,6 +24,8 @@ const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
+/// A form of fewer numbers goes first if it promised this share of the best one's gain.
+const NO_LESS: f64 = 0.98;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
 /// A fit that leaves so many times what the screening promised, where that was nearly all, is tried from elsewhere.
@@ -33,13 +35,16 @@ const PROMISING: f64 = 0.9;
 pub(super) const PAIR_BEYOND: f64 = 0.08;
 /// .. by this much of the noise's power: less is a matter of the first one's form.
 const NEAR_NOISE: f64 = 1.12;
-/// .. and so does the next best, if it leaves less than this many times as much. The second effect ..
+/// .. and so does the next best, if it leaves less than this many times as much, ..
 const AS_GOOD: f64 = 1.5;
-/// .. but not beside a fit that leaves this much: the stronger of two effects takes half of the power, which leaves 0.71 of the gap.
+/// .. unless the best leaves more than this: where either effect alone takes less than half, it doesn't matter which of them is first.
+const HALF: f64 = 0.5;
+/// No second effect stands beside a fit that leaves this much: the stronger of two takes half of the power, which leaves 0.71 of the gap.
 const HARDLY_HALF: f64 = 0.75;
-/// .. must take at least this much of what was left.
+/// The second must promise this share of the power that was left, and then take this much of it.
+const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
-/// Single fits that leave less than this many times as much as the best may stand in its place beside a second effect; so many at most.
+/// Single fits that leave less than this many times as much as the first may stand in its place beside the second; so many at most.
 const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
 /// One effect fits as well as two if the mean square is no more than this many times theirs.
@@ -81,11 +86,12 @@ impl Fits<'_> {
     fn pairs(&self, singles: &[Candidate]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
         let is_as_good = |fit: &&Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
-        for (number, first) in singles.iter().take(2).take_while(is_as_good).enumerate() {
+        let most = if self.left(&singles[0]) > HALF { 1 } else { 2 };
+        for (number, first) in singles.iter().take(most).take_while(is_as_good).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
             let remainders = self.search.play(first);
             let seconds = self.search.screen(first, &remainders, &lines(self.search.bench, &remainders), self.without);
-            for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > PAIR_TAKES * PAIR_TAKES) {
+            for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE) {
                 let pair = self.search.extend(first, lead, false);
                 let is_found = self.left(&pair) < FOUND || pair.chi < AT_NOISE;
                 if is_found {
@@ -180,6 +186,7 @@ impl Fits<'_> {
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
     fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
+        let lead = simplest(lead, leads);
         let mut fit = self.fit_of(lead);
         for other in
             others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
@@ -220,6 +227,12 @@ impl Fits<'_> {
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         fits
     }
+}
+
+/// The form of `lead`'s effect with the fewest numbers of those that promise as much.
+fn simplest<'l>(lead: &'l Lead, leads: &'l [Lead]) -> &'l Lead {
+    let same = leads.iter().filter(|other| other.effect.id() == lead.effect.id() && other.gain > NO_LESS * lead.gain);
+    same.min_by_key(|other| other.values.len()).unwrap_or(lead)
 }
 
 /// Leads of the same effect in other forms, a few of them.

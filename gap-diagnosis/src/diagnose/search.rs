@@ -19,6 +19,9 @@ const LOCKED: f64 = 2.0;
 /// .. if the one in the middle is fitted this well: where the plant is wrong, no start helps.
 const NEARLY: f64 = 4.0;
 
+/// An effect that leaves more than this of the squares soon is not followed farther.
+const WORTH_MORE: f64 = 0.85;
+
 /// A hypothesis, fitted.
 #[derive(Clone)]
 pub struct Candidate {
@@ -70,7 +73,11 @@ impl Search<'_> {
     }
 
     fn descend(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64]) -> Candidate {
-        let found = descend(self.bench, hypothesis, z, stages, self.simulations);
+        self.descend_below(hypothesis, z, stages, f64::INFINITY)
+    }
+
+    fn descend_below(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64], to_beat: f64) -> Candidate {
+        let found = descend(self.bench, hypothesis, z, stages, to_beat, self.simulations);
         self.unlocked(self.candidate(hypothesis.clone(), found))
     }
 
@@ -94,7 +101,8 @@ impl Search<'_> {
         if z == candidate.found.z {
             return candidate;
         }
-        let found = descend(self.bench, &candidate.hypothesis, z, &LAST_STAGES, self.simulations);
+        let (least, from) = (candidate.found.data_cost, &candidate.hypothesis);
+        let found = descend(self.bench, from, z, &LAST_STAGES, least, self.simulations);
         let again = self.candidate(candidate.hypothesis.clone(), found);
         if total(&again) < total(&candidate) { again } else { candidate }
     }
@@ -152,11 +160,12 @@ impl Search<'_> {
         }
         let mut z = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
+        let to_beat = WORTH_MORE * base.found.data_cost;
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
-            self.descend(&hypothesis, z, &STAGES[1..])
+            self.descend_below(&hypothesis, z, &STAGES[1..], to_beat)
         } else {
-            self.descend(&hypothesis, z, &LAST_STAGES)
+            self.descend_below(&hypothesis, z, &LAST_STAGES, to_beat)
         }
     }
 

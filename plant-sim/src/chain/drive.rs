@@ -24,6 +24,8 @@ pub struct Drive {
     pub gain: f64,
     /// s in u (1 + s sign(u)): an output stage for each polarity, of a gain of its own.
     pub gain_skew: f64,
+    /// c in u (1 + c |u|): a gain that grows with the voltage, in 1/V.
+    pub gain_growth_per_v: f64,
     /// c in u (1 + c u), an even nonlinearity in 1/V.
     pub curvature_per_v: f64,
     /// Fastest rise of the output in V/s; infinite for none.
@@ -95,6 +97,7 @@ impl Drive {
         quantum_v: 0.0,
         gain: 1.0,
         gain_skew: 0.0,
+        gain_growth_per_v: 0.0,
         curvature_per_v: 0.0,
         slew_v_per_s: f64::INFINITY,
         slew_down_v_per_s: f64::INFINITY,
@@ -108,8 +111,9 @@ impl Drive {
     pub fn output_v(&self, command_v: f64) -> f64 {
         let converted_v =
             if self.quantum_v > 0.0 { (command_v / self.quantum_v).round() * self.quantum_v } else { command_v };
-        let skewed_v = converted_v + self.gain_skew * converted_v.abs();
-        let wanted_v = self.gain * skewed_v * (1.0 + self.curvature_per_v * skewed_v);
+        let magnitude_v = converted_v.abs();
+        let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * magnitude_v) + self.gain_skew * magnitude_v;
+        let wanted_v = self.gain * amplified_v * (1.0 + self.curvature_per_v * amplified_v);
         let within_v =
             if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) };
         within_v + self.slope_beyond * (wanted_v - within_v)

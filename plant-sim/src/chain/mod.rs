@@ -22,7 +22,7 @@ mod waveform;
 pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
-pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState};
+pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState, Settling};
 pub use transducer::DriveHysteresis;
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};

@@ -19,6 +19,8 @@ pub struct Sensor {
     pub lag: Option<Lag>,
     /// Gain relative to the nominal sensor.
     pub gain: f64,
+    /// How the gain changes while the instrument warms up, from the log's start on.
+    pub settling: Option<Settling>,
     /// c2 in y + c2 y^2 + c3 y^3, 1/m.
     pub quadratic_per_m: f64,
     /// c3, 1/m^2.
@@ -55,6 +57,15 @@ pub struct Sensor {
 pub struct Drift {
     /// Amplitude in metres, or rate in m/s if the time constant is infinite.
     pub amplitude_m: f64,
+    /// Time constant in seconds.
+    pub time_constant_s: f64,
+}
+
+/// A gain times 1 + share (1 - exp(-t / time constant)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settling {
+    /// Relative change of the gain in the end.
+    pub share: f64,
     /// Time constant in seconds.
     pub time_constant_s: f64,
 }
@@ -98,6 +109,7 @@ impl Sensor {
         gap: None,
         lag: None,
         gain: 1.0,
+        settling: None,
         quadratic_per_m: 0.0,
         cubic_per_m2: 0.0,
         offset_m: 0.0,
@@ -124,7 +136,9 @@ impl Sensor {
         };
         let bent =
             displacement_m * (1.0 + displacement_m * (self.quadratic_per_m + displacement_m * self.cubic_per_m2));
-        let mut reading_m = self.gain * bent + self.offset_m;
+        let settled =
+            self.settling.map_or(1.0, |settling| 1.0 - settling.share * (-time_s / settling.time_constant_s).exp_m1());
+        let mut reading_m = self.gain * settled * bent + self.offset_m;
         for cycle in &self.cycles {
             let (sin, cos) = (std::f64::consts::TAU * displacement_m / cycle.period_m).sin_cos();
             reading_m += cycle.cos_m * cos + cycle.sin_m * sin;

@@ -7,8 +7,9 @@ effect!(AmplifierGain, "amplifier_gain", Drive);
 const ABOUT: About = About {
     title: "amplifier gain",
     what: "The amplifier delivers a fixed share more or less than it should.",
-    equation: "v = (1 + g) u, or v = (1 + s sign(u)) u; u: command, v: drive, g: relative gain error, s: half of the \
-               difference between the gains of either polarity (two output stages)",
+    equation: "v = (1 + g) u, v = (1 + s sign(u)) u, or v = (1 + c |u|) u; u: command, v: drive, g: relative gain error, \
+               s: half of the difference between the gains of either polarity (two output stages), c: how the gain \
+               grows with the voltage",
     source: "common form, size assumed",
     typical: "0.5 to 5 %",
     installs: "a factor on the drive",
@@ -32,5 +33,13 @@ const FORMS: &[Form] = &[
         "by-polarity",
         |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
         |chain, p| chain.drive.gain_skew += p[0],
+    ),
+    Form::predictable(
+        "growing",
+        |scales| {
+            let drive_v = scales.drive_v;
+            vec![Parameter::signed("growth_per_v", "1/V", 0.3 / drive_v, 0.01 / drive_v)]
+        },
+        |chain, p| chain.drive.gain_growth_per_v += p[0],
     ),
 ];

@@ -2,15 +2,16 @@
 
 use super::amplifier_bandwidth::{first, second};
 use super::parts::{add_first, add_second};
-use super::{About, Form};
+use super::{About, Form, Parameter, Scales, spaced};
+use crate::chain::Relaxation;
 
 effect!(SensorBandwidth, "sensor_bandwidth", Sensor);
 
 const ABOUT: About = About {
     title: "sensor bandwidth",
     what: "The reading follows the displacement as a linear low-pass does.",
-    equation: "T y' + y = q, or y'' + 2 z w y' + w^2 y = w^2 q; q: displacement, y: reading, T: time constant, w: \
-               natural frequency, z: damping ratio",
+    equation: "T y' + y = q, y'' + 2 z w y' + w^2 y = w^2 q, or y = (1 - s) q + s x with T x' + x = q; q: displacement, y: \
+               reading, T: time constant, w: natural frequency, z: damping ratio, s: share that comes late",
     source: "table of position sensors in Fleming 2013 (strain gauges 1 to 10 kHz, capacitive to 100 kHz), as quoted \
              by tdehaeze's notes",
     typical: "corners between 1 and 100 kHz",
@@ -26,4 +27,17 @@ const ABOUT: About = About {
 const FORMS: &[Form] = &[
     Form::predictable("first-order", first, |chain, p| add_first(&mut chain.sensor.lag, p[0])),
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.sensor.lag, p[0], p[1])),
+    Form::predictable("slow-tail", tail, |chain, p| {
+        let time_constant_s = p[1];
+        chain.parts.creep.push(Relaxation { share: p[0] / (1.0 - p[0]), time_constant_s });
+        chain.sensor.gain *= 1.0 - p[0];
+    }),
 ];
+
+/// A share that comes late, or early if it is negative: what a filter leaves that is neither first nor second order.
+fn tail(_: &Scales<'_>) -> Vec<Parameter> {
+    vec![
+        Parameter::signed("late_share", "", 0.5, 0.05),
+        Parameter::shape("time_constant_s", "s", [1e-4, 1e-2], spaced(2e-4, 5e-3, 3)),
+    ]
+}

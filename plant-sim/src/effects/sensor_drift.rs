@@ -1,16 +1,16 @@
 //! Sensor drift: the zero of the reading wanders.
 
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::{Chain, Drift};
+use crate::chain::{Chain, Drift, Line};
 
 effect!(SensorDrift, "sensor_drift", Sensor);
 
 const ABOUT: About = About {
     title: "sensor drift",
     what: "The zero of the reading wanders during a log, whether the plant moves or not.",
-    equation: "y = q + r t, or y = q + a (1 - exp(-t / tau)); q: displacement, y: reading, t: time since the log's \
-               start, r: rate, a: final value (both of each log), tau: thermal time constant of the mount, one for all \
-               logs",
+    equation: "y = q + r t, y = q + a (1 - exp(-t / tau)), or any slow course, y = q + sum c_j (1 - cos(pi j t / T)); q: \
+               displacement, y: reading, t: time since the log's start, r: rate, a: final value, c_j: sizes (all of each \
+               log), tau: thermal time constant of the mount, one for all logs, T: length of the longest log",
     source: "common form, size assumed (thermal expansion of the mount, 10 to 20 ppm/K for metals)",
     typical: "1 nm to 1 um a minute",
     installs: "a drift of the sensor's zero",
@@ -61,4 +61,22 @@ const FORMS: &[Form] = &[
             drift(chain, p[2], f64::INFINITY);
         },
     ),
+    Form::predictable(
+        "wander",
+        |scales| {
+            let longest_s = scales.longest_s;
+            let bounds = [0.9 * longest_s, 1.2 * longest_s];
+            let waves = WAVES.map(|name| amplitude(name, "m", scales, 1.0));
+            [Parameter::shape("length_s", "s", bounds, vec![longest_s])].into_iter().chain(waves).collect()
+        },
+        |chain, p| {
+            for (half_waves, &wave_m) in (1..).zip(&p[1..]) {
+                chain.sensor.lines.push(Line { hz: 0.5 * f64::from(half_waves) / p[0], cos_m: -wave_m, sin_m: 0.0 });
+                chain.sensor.offset_m += wave_m;
+            }
+        },
+    ),
 ];
+
+/// Half waves in the length of a log that a wandering zero is the sum of.
+const WAVES: [&str; 6] = ["wave1_m", "wave2_m", "wave3_m", "wave4_m", "wave5_m", "wave6_m"];

@@ -15,7 +15,7 @@ const ABOUT: About = About {
     typical: "1 to 10 % at high frequency, over seconds to minutes",
     installs: "a gain of the drive that follows the heat with a lag",
     signature: "the amplitude of the residual grows through the log, in proportion to the displacement; the zero stays",
-    rivals: &["amplifier_gain", "creep", "sensor_drift"],
+    rivals: &["amplifier_gain", "creep", "sensor_drift", "sensor_gain"],
     experiment: "a slow sine before and after half a minute of a fast one: warming leaves the gain changed and then \
                  decays, an amplifier keeps it; at zero input nothing drifts",
     spec: "sine:30V@10Hz,for=5s+sine:30V@150Hz,for=30s+sine:30V@10Hz,for=20s",
