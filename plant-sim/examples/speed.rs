@@ -2,7 +2,9 @@
 //!
 //! `cargo run --release -p plant-sim --example speed`
 
-use plant_sim::chain::{Bend, BendLaw, Chain, Drive, Force, Held, Joint, Lag, Mode, Parts, Sensor, Simulator, Warming};
+use plant_sim::chain::{
+    Bend, BendLaw, Chain, Drive, Force, Held, Joint, Lag, Mode, Parts, Sensor, Shake, Simulator, Warming,
+};
 use plant_sim::model::Model;
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -40,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("smooth friction, 1 mm/s", force(Force::Smooth { coulomb_n: 0.05, speed_m_per_s: 1e-3 })),
         ("power 0.5", force(Force::Power { force_n: 0.05, reference_m_per_s: 0.1, exponent: 0.5 })),
         ("power 2", force(Force::Power { force_n: 0.05, reference_m_per_s: 0.1, exponent: 2.0 })),
-        ("line", force(Force::Line { hz: 150.0, cos_n: 0.01, sin_n: 0.0 })),
+        ("shake", parts(Parts { shakes: vec![Shake { hz: 150.0, cos_n: 0.01, sin_n: 0.0 }], ..Parts::default() })),
         ("capacitance skew, fast", bend(0, BendLaw::CapacitanceSkew(0.1))),
         ("slope skew, slow", bend(1, BendLaw::SlopeSkew(0.1))),
         ("exponent 1.2, slow", bend(1, BendLaw::Exponent(1.2))),

@@ -21,7 +21,7 @@ mod waveform;
 
 pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
-pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation};
+pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
 pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState, Settling};
 pub use transducer::DriveHysteresis;
 
@@ -93,9 +93,11 @@ pub struct Simulator {
     lag: Option<usize>,
     /// Parallel modes that must not feel the engine's force, because laws are part of it.
     outside: Vec<(f64, Box<dyn Stepper>)>,
+    shakes: Vec<Shake>,
     transducer: Option<Transducer>,
     is_massless: bool,
     linear: Option<Box<Instead>>,
+    sample: u64,
     sample_s: f64,
     pace: Pace,
     /// Volts at the actuator at the present sample's start.
@@ -147,8 +149,8 @@ impl Simulator {
         let parts = &chain.parts;
         let plain = substep::without_bent_leaks(&chain.plant, &parts.bends);
         let parallel = |mode: &Mode| matches!(mode.joint, Joint::Parallel { .. });
-        let (outside, modes): (Vec<Mode>, Vec<Mode>) =
-            parts.modes.iter().partition(|mode| parts.need_substeps() && parallel(mode));
+        let is_apart = parts.need_substeps() || !parts.shakes.is_empty();
+        let (outside, modes): (Vec<Mode>, Vec<Mode>) = parts.modes.iter().partition(|mode| is_apart && parallel(mode));
         let linear = parts.linear.as_ref().and_then(StateSpace::output_first);
         let mut dynamics = match &linear {
             Some(space) => Dynamics::of_linear(space),
@@ -165,7 +167,7 @@ impl Simulator {
                 dynamics = dynamics.clone().with_lag(lag, &seen);
                 at
             });
-        let (pace, spans) = if chain.drive.has_memory() || parts.need_substeps() {
+        let (pace, spans) = if chain.drive.has_memory() || parts.need_substeps() || !outside.is_empty() {
             let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
             let count =
                 if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { 1 };
@@ -196,12 +198,14 @@ impl Simulator {
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),
             lag,
+            shakes: parts.shakes.clone(),
             transducer: parts.transducer.clone().map(Transducer::new),
             is_massless: parts.is_massless,
             linear: linear.map(|space| {
                 let rate = (space.a.row(0).iter().copied().collect(), space.b[0]);
                 Box::new(Instead { space, rate })
             }),
+            sample: 0,
             sample_s,
             pace,
             acting_v: 0.0,
@@ -324,10 +328,20 @@ impl Simulator {
             self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, |heat| heat.gain(0.5 * self.sample_s));
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
+        let shakes = self.shakes.as_slice();
+        let sample_start_s = self.sample as f64 * self.sample_s;
+        self.sample += 1;
         self.acting_v = match &mut self.pace {
-            Pace::Exact(queue) => {
-                queue.advance(stepper, transducer, &self.drive, self.sample_s, command, alpha, force_n)
-            }
+            Pace::Exact(queue) => queue.advance(
+                stepper,
+                transducer,
+                shakes,
+                &self.drive,
+                [sample_start_s, self.sample_s],
+                command,
+                alpha,
+                force_n,
+            ),
             Pace::Fine { waveform, laws, count } => {
                 waveform.push(command);
                 let step_s = self.sample_s / *count as f64;
@@ -339,17 +353,20 @@ impl Simulator {
                     if let Some(transducer) = transducer {
                         push = push.without(transducer.missing([start_v, slope, curve], step_s));
                     }
+                    // Parallel modes feel the drive and nothing else.
+                    for (_, mode) in &mut self.outside {
+                        mode.push(0, push);
+                    }
+                    if !shakes.is_empty() {
+                        push = push.with(Shake::push(shakes, sample_start_s + from_s, step_s));
+                    }
                     if let Some(laws) = laws {
-                        let time_s = waveform.sample_start_s() + from_s;
                         let pull = [push.force_n, push.slope, push.curve];
-                        for (_, mode) in &mut self.outside {
-                            mode.push(0, push);
-                        }
                         let state = &mut [0.0; MAX_STATES];
                         for (i, value) in state[..laws.states()].iter_mut().enumerate() {
                             *value = stepper.state(i);
                         }
-                        let against = laws.foresee(state, pull, time_s, step_s);
+                        let against = laws.foresee(state, pull, step_s);
                         push.force_n -= against[0];
                         push.slope -= against[1];
                         push.curve -= against[2];
@@ -404,21 +421,25 @@ impl Queue {
         &mut self,
         stepper: &mut dyn Stepper,
         transducer: &mut Option<Transducer>,
+        shakes: &[Shake],
         drive: &Drive,
-        sample_s: f64,
+        [sample_start_s, sample_s]: [f64; 2],
         command: Held,
         alpha: f64,
         force_n: f64,
     ) -> f64 {
         self.pending.push_back(command);
         let acting = self.take_oldest();
-        let mut push = |span: usize, held: Held, age_s: f64, duration_s: f64| {
+        let mut push = |span: usize, held: Held, age_s: f64, [from_s, duration_s]: [f64; 2]| {
             let start_v = drive.output_v(held.start_v + held.slope_v_per_s * age_s);
-            if let Some(transducer) = transducer {
+            if transducer.is_some() || !shakes.is_empty() {
                 let end_v = drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
                 let slope = (end_v - start_v) / duration_s;
-                let push = Push::ramp(alpha * start_v - force_n, alpha * slope);
-                stepper.push(span, push.without(transducer.missing([start_v, slope, 0.0], duration_s)));
+                let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
+                if let Some(transducer) = transducer {
+                    push = push.without(transducer.missing([start_v, slope, 0.0], duration_s));
+                }
+                stepper.push(span, push.with(Shake::push(shakes, sample_start_s + from_s, duration_s)));
                 return end_v;
             }
             if held.slope_v_per_s == 0.0 {
@@ -431,11 +452,11 @@ impl Queue {
         };
         if self.fraction_s > 0.0 {
             // The old command has acted for the rest of a sample already.
-            push(0, acting, sample_s - self.fraction_s, self.fraction_s);
+            push(0, acting, sample_s - self.fraction_s, [0.0, self.fraction_s]);
             let arriving = if self.before_samples >= 1.0 { Some(self.before) } else { self.pending.front().copied() };
-            push(1, arriving.unwrap_or(command), 0.0, sample_s - self.fraction_s)
+            push(1, arriving.unwrap_or(command), 0.0, [self.fraction_s, sample_s - self.fraction_s])
         } else {
-            push(0, acting, 0.0, sample_s)
+            push(0, acting, 0.0, [0.0, sample_s])
         }
     }
 

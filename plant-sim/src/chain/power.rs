@@ -38,7 +38,7 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Stop { at_m, stiffness_n_per_m } => {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
         }
-        Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } | Force::Line { .. } => 0.0,
+        Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
         // h h'/A = h q' less what is turned into heat.
         Force::BoucWen(law) => 0.5 * h * h / law.amplitude,
     };
@@ -70,11 +70,7 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Power { force_n, reference_m_per_s, exponent } => {
             force_n * (w.abs() / reference_m_per_s).powf(exponent) * w.abs()
         }
-        Force::Spring { .. }
-        | Force::Fifth { .. }
-        | Force::OneSided { .. }
-        | Force::Stop { .. }
-        | Force::Line { .. } => 0.0,
+        Force::Spring { .. } | Force::Fifth { .. } | Force::OneSided { .. } | Force::Stop { .. } => 0.0,
     };
     let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(friction).sum();
     let modes: f64 =

@@ -100,7 +100,7 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             Force::OneSided { stiffness_n_per_m } | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
             Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
-            Force::Smooth { .. } | Force::Power { .. } | Force::Line { .. } => 0.0,
+            Force::Smooth { .. } | Force::Power { .. } => 0.0,
         })
         .sum();
     let stiffness = plant.stiffness_n_per_m + springs;
@@ -185,15 +185,12 @@ impl Laws {
         (!self.leaks.is_empty()).then_some(&self.rates)
     }
 
-    /// Foresees the sub-step of `step_s` that begins at `time_s`, while the drive pulls with `pull` (newton, slope, second derivative):
+    /// Foresees the sub-step of `step_s`, while drive and shakes pull with `pull` (newton, slope, second derivative):
     /// the laws' force against the motion, in the same form.
-    pub(super) fn foresee(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64) -> [f64; 3] {
+    pub(super) fn foresee(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64) -> [f64; 3] {
         let mut sum = Moments::default();
-        let path = if self.friction {
-            self.rub(state, pull, time_s, step_s, &mut sum)
-        } else {
-            self.free_path(state, pull, time_s, step_s)
-        };
+        let path =
+            if self.friction { self.rub(state, pull, step_s, &mut sum) } else { self.free_path(state, pull, step_s) };
         self.end_m = path.at(step_s);
         if self.elastic {
             self.slid_then.copy_from_slice(&self.slid);
@@ -201,7 +198,7 @@ impl Laws {
             self.quadrature.along(&path, step_s, |piece| {
                 let from_m = path.at(piece.from_s);
                 for (t, weight) in piece.nodes() {
-                    let force_n = elastic_n(&self.plant, forces, slid, path.at(t) - from_m, path.at(t), time_s + t);
+                    let force_n = elastic_n(&self.plant, forces, slid, path.at(t) - from_m, path.at(t));
                     sum.zeroth += weight * force_n;
                     sum.first += weight * t * force_n;
                     sum.second += weight * t * t * force_n;
@@ -228,12 +225,12 @@ impl Laws {
     }
 
     /// Path without friction: a cubic from the acceleration at the start and in the middle.
-    fn free_path(&self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64) -> Path {
+    fn free_path(&self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64) -> Path {
         let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
         let acceleration = |at_m: f64, at_m_per_s: f64, t: f64| {
-            (self.load_n(state, pull, modes, [at_m, at_m_per_s], t, time_s) - b * at_m_per_s) / m
+            (self.load_n(state, pull, modes, [at_m, at_m_per_s], t) - b * at_m_per_s) / m
         };
         let half = 0.5 * step_s;
         let first = acceleration(q, v, 0.0);
@@ -242,17 +239,17 @@ impl Laws {
     }
 
     /// Path against friction, and friction's moments.
-    fn rub(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], time_s: f64, step_s: f64, sum: &mut Moments) -> Path {
+    fn rub(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64, sum: &mut Moments) -> Path {
         let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
         let half = 0.5 * step_s;
-        let start = self.load_n(state, pull, modes, [q, v], 0.0, time_s) / m;
+        let start = self.load_n(state, pull, modes, [q, v], 0.0) / m;
         // A first guess with the friction of the sub-step before.
         let mut path = Path([q, v, 0.5 * (start - (self.rubbed_n + b * v) / m), 0.0]);
         let mut rubbed = Moments::default();
         for _ in 0..self.rounds {
-            let load = |t: f64| self.load_n(state, pull, modes, [path.at(t), path.motion(t)[0]], t, time_s) / m;
+            let load = |t: f64| self.load_n(state, pull, modes, [path.at(t), path.motion(t)[0]], t) / m;
             let (middle, end) = (load(half), load(step_s));
             // The parabola through the three.
             let (slope, curve) =
@@ -288,15 +285,7 @@ impl Laws {
     }
 
     /// Force on the mass without damper and friction, with the mass at `q` and moving at `w` after `t` of the sub-step.
-    fn load_n(
-        &self,
-        state: &[f64; MAX_STATES],
-        pull: [f64; 3],
-        modes: [f64; 2],
-        [q, w]: [f64; 2],
-        t: f64,
-        time_s: f64,
-    ) -> f64 {
+    fn load_n(&self, state: &[f64; MAX_STATES], pull: [f64; 3], modes: [f64; 2], [q, w]: [f64; 2], t: f64) -> f64 {
         let by_m = q - state[0];
         let mut held_v = 0.0;
         for (i, hysteron) in self.hysterons.iter().enumerate() {
@@ -321,7 +310,7 @@ impl Laws {
             - self.plant.stiffness_n_per_m * q
             - self.plant.transduction_c_per_m * held_v;
         if self.elastic {
-            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, by_m, q, time_s + t);
+            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, by_m, q);
         }
         load_n
     }
@@ -362,8 +351,8 @@ fn friction(forces: &[Force], v: f64) -> [f64; 2] {
     sum
 }
 
-/// Forces of place and time, `by_m` from where `slid` is up to date.
-fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, time_s: f64) -> f64 {
+/// Forces of place, `by_m` from where `slid` is up to date.
+fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> f64 {
     let mut sum_n = 0.0;
     for (force, &z) in forces.iter().zip(slid) {
         sum_n += match *force {
@@ -376,10 +365,6 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64, tim
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
                 stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
-            }
-            Force::Line { hz, cos_n, sin_n } => {
-                let (sin, cos) = (TAU * hz * time_s).sin_cos();
-                -(cos_n * cos + sin_n * sin)
             }
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         };

@@ -52,11 +52,6 @@ impl Waveform {
         self.lag.value()
     }
 
-    /// When the present sample began, in seconds.
-    pub(super) fn sample_start_s(&self) -> f64 {
-        self.sample as f64 * self.sample_s
-    }
-
     /// Takes the command of the sample that begins.
     pub(super) fn push(&mut self, command: Held) {
         self.underway.push_back((self.sample, command));

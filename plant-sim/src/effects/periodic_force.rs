@@ -2,7 +2,7 @@
 
 use super::parts::phasor;
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::{Chain, Force};
+use crate::chain::{Chain, Shake};
 
 effect!(PeriodicForce, "periodic_force", Environment);
 
@@ -36,7 +36,7 @@ fn amplitudes(scales: &Scales<'_>, names: [&'static str; 2]) -> [Parameter; 2] {
 }
 
 fn add(chain: &mut Chain, hz: f64, cos_n: f64, sin_n: f64) {
-    chain.parts.forces.push(Force::Line { hz, cos_n, sin_n });
+    chain.parts.shakes.push(Shake { hz, cos_n, sin_n });
 }
 
 /// Fundamental and what goes with it: a push that is short has many.

@@ -7,7 +7,8 @@ effect!(SensorOffset, "sensor_offset", Sensor);
 
 const ABOUT: About = About {
     title: "sensor offset",
-    what: "The reading is shifted by a constant, the same in every log.",
+    what: "The reading is shifted by a constant, the same in every log. A constant force on the structure, and dead zones that lie \
+           off centre (imprint of the ceramic), shift it in exactly the same way: no log tells these apart.",
     equation: "y = q + o; q: displacement, y: reading, o: offset",
     source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by \
              tdehaeze's notes",

@@ -65,6 +65,11 @@ impl Push {
         Self { force_n, slope, curve: 0.0 }
     }
 
+    /// This force and another.
+    pub fn with(self, other: Self) -> Self {
+        Self { force_n: self.force_n + other.force_n, slope: self.slope + other.slope, curve: self.curve + other.curve }
+    }
+
     /// This force less another.
     pub fn without(self, other: Self) -> Self {
         Self { force_n: self.force_n - other.force_n, slope: self.slope - other.slope, curve: self.curve - other.curve }

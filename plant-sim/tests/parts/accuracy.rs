@@ -3,7 +3,7 @@
 
 use crate::rival::{bender, chain, distance, held, lively, ours, rival, slow_sine, with_drive, with_force};
 use plant_sim::chain::{
-    Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Warming,
+    Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Shake, Warming,
 };
 
 /// Runge-Kutta steps of 0.1 us.
@@ -54,8 +54,6 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
         ("stop above, 20 k", stop(70e-6, 5e5), [0.15, EXACT_NM]),
         ("stop below, 20 k", stop(-70e-6, 5e5), [0.15, 0.002]),
         ("stop above, k", stop(70e-6, 25e3), [0.25, 0.005]),
-        ("line 300 Hz", Force::Line { hz: 300.0, cos_n: 0.02, sin_n: 0.01 }, [EXACT_NM, EXACT_NM]),
-        ("line 1500 Hz", Force::Line { hz: 1500.0, cos_n: 0.02, sin_n: 0.01 }, [EXACT_NM, EXACT_NM]),
     ]
 }
 
@@ -131,6 +129,25 @@ fn drives() {
         ("gain, curvature", with_drive(Drive { gain: 1.1, curvature_per_v: 1e-3, ..ideal.clone() }), EXACT_NM),
         ("warms by itself", with_drive(Drive { warming: warm(Heat::Time), ..ideal.clone() }), 0.4),
         ("warms by drive", with_drive(Drive { warming: warm(Heat::Drive { volts: 60.0 }), ..ideal }), 1.7),
+    ];
+    check(table, &lively());
+}
+
+#[test]
+fn shakes() {
+    let shaken = |hz, delay_s, modes: Vec<Mode>, forces| Chain {
+        parts: Parts { shakes: vec![Shake { hz, cos_n: 0.02, sin_n: 0.01 }], modes, forces, ..Parts::default() },
+        ..with_drive(Drive { delay_s, ..Drive::IDEAL })
+    };
+    let joint = Joint::Parallel { compliance_m_per_n: 1e-6 };
+    let parallel = || vec![Mode { joint, hz: 2000.0, damping_ratio: 0.02 }];
+    let cubic = || vec![Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }];
+    let table = vec![
+        ("300 Hz", shaken(300.0, 0.0, vec![], vec![]), EXACT_NM),
+        ("1500 Hz", shaken(1500.0, 0.0, vec![], vec![]), 0.05),
+        ("300 Hz, late by a fraction", shaken(300.0, 2e-5, vec![], vec![]), EXACT_NM),
+        ("300 Hz, mode beside", shaken(300.0, 0.0, parallel(), vec![]), EXACT_NM),
+        ("300 Hz, cubic spring", shaken(300.0, 0.0, vec![], cubic()), 0.2),
     ];
     check(table, &lively());
 }

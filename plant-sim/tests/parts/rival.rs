@@ -232,8 +232,10 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                     stiffness_n_per_m * (q - at_m).min(0.0)
                 }
             }
-            Force::Line { hz, cos_n, sin_n } => -(cos_n * (TAU * hz * t).cos() + sin_n * (TAU * hz * t).sin()),
         };
+    }
+    for shake in &chain.parts.shakes {
+        force += shake.cos_n * (TAU * shake.hz * t).cos() + shake.sin_n * (TAU * shake.hz * t).sin();
     }
     for (i, mode) in chain.parts.modes.iter().enumerate() {
         let (y, u) = (x[MODES + 2 * i], x[MODES + 2 * i + 1]);
