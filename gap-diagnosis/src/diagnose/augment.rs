@@ -61,6 +61,9 @@ pub(super) struct Augmented {
     covariance: Option<DMatrix<f64>>,
     /// The number that is wrong, for `parameter_error`.
     pub wrong: Option<Quantity>,
+    /// An effect that the nominal numbers imitate, with the standard deviation that the priors leave its parameter: finite differences
+    /// along a direction in which the prediction doesn't change know less than nothing.
+    imitated: Option<(&'static str, f64)>,
     /// Effects that no prediction shows.
     pub random: Vec<Random>,
 }
@@ -79,7 +82,7 @@ pub(super) fn augment(
         let found = &base.found;
         let covariance = covariance(bench, &base.hypothesis, found, &search.independent_weights(base));
         let variant = Variant { hypothesis: base.hypothesis.clone(), z: found.z.clone(), starts_known: true };
-        return Augmented { variant, covariance, wrong: None, random };
+        return Augmented { variant, covariance, wrong: None, imitated: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
         let found = descend(bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
@@ -87,7 +90,13 @@ pub(super) fn augment(
         let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
         let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-        Augmented { variant, covariance, wrong: freed.quantity, random }
+        Augmented {
+            variant,
+            covariance,
+            wrong: freed.quantity,
+            imitated: Some((freed.effect, freed.value_sigma)),
+            random,
+        }
     };
     if let Some(effect) = find(freed.effect) {
         let form = &effect.forms()[0];
@@ -151,6 +160,10 @@ impl Augmented {
                     (mean2(&|(value, _)| value), mean2(&|(_, sigma)| sigma))
                 } else {
                     one(0)
+                };
+                let sigma = match self.imitated {
+                    Some((effect, by_priors)) if effect == installed.effect.id() => sigma.max(by_priors),
+                    _ => sigma,
                 };
                 estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
             }

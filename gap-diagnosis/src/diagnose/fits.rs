@@ -6,7 +6,7 @@ use super::lines::lines;
 use super::screen::Lead;
 use super::search::{Candidate, Remainder, Search};
 use super::symmetry::along;
-use plant_sim::effects::{Kind, find};
+use plant_sim::effects::{Form, Kind, find};
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
 const LEAST_SHARE: f64 = 0.3;
@@ -49,6 +49,8 @@ const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
 /// One effect fits as well as two if the mean square is no more than this many times theirs.
 const AS_WELL: f64 = 1.01;
+/// Tried whatever its score.
+const OFFSET: &str = "sensor_offset";
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
 const START_SHARE: f64 = 0.4;
 
@@ -134,7 +136,8 @@ impl Fits<'_> {
     fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
         let start = self.start(remainders);
         let chosen = chosen(leads);
-        let mut all: Vec<&Lead> = start.iter().chain(chosen).collect();
+        let offset = offset(leads).filter(|_| chosen.iter().all(|lead| lead.effect.id() != OFFSET));
+        let mut all: Vec<&Lead> = start.iter().chain(&offset).chain(chosen).collect();
         all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
         // Gain of the first lead whose fit left next to nothing.
@@ -171,7 +174,34 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
-        self.rivals(fits, leads)
+        let fits = self.rivals(fits, leads);
+        fits.into_iter().map(|fit| if fit.chi < AT_NOISE { self.shared(fit) } else { fit }).collect()
+    }
+
+    /// A fit whose numbers belong to each log with one for all logs, if that fits as well: only such a number says anything of another log.
+    fn shared(&self, fit: Candidate) -> Candidate {
+        let bench = self.search.bench;
+        let Some(installed) = fit.hypothesis.installed.last() else { return fit };
+        let scales = bench.scales();
+        let own = (installed.form.parameters)(&scales);
+        if own.is_empty() || own.iter().any(|parameter| !parameter.per_log) {
+            return fit;
+        }
+        let is_same = |form: &&Form| {
+            let parameters = (form.parameters)(&scales);
+            parameters.len() == own.len()
+                && parameters.iter().zip(&own).all(|(shared, own)| shared.name == own.name && !shared.per_log)
+        };
+        let Some(form) = installed.effect.forms().iter().find(is_same) else { return fit };
+        let logs = bench.records.len();
+        let mut mean = vec![0.0; own.len()];
+        for index in 0..logs {
+            let values = bench.values(&fit.hypothesis, &fit.found.z, index);
+            let last = values.last().into_iter().flatten();
+            mean.iter_mut().zip(last).for_each(|(mean, value)| *mean += value / logs as f64);
+        }
+        let shared = self.search.in_form(&fit, form, &mean);
+        shared.filter(|shared| shared.chi < AS_WELL * fit.chi).unwrap_or(fit)
     }
 
     /// The state at the start as a lead, if much of what is left lies there: no direction shows how much of it a start explains.
@@ -186,7 +216,7 @@ impl Fits<'_> {
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
     fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
-        let lead = simplest(lead, leads);
+        let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead);
         for other in
             others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
@@ -197,6 +227,17 @@ impl Fits<'_> {
             fit = better(fit, self.fit_of(other));
         }
         fit
+    }
+
+    /// The form of `lead`'s effect with the fewest numbers of those that promise as much; what belongs to each log counts for each.
+    fn simplest<'l>(&self, lead: &'l Lead, leads: &'l [Lead]) -> &'l Lead {
+        let scales = self.search.bench.scales();
+        let logs = self.search.bench.records.len();
+        let numbers = |lead: &Lead| -> usize {
+            (lead.form.parameters)(&scales).iter().map(|parameter| if parameter.per_log { logs } else { 1 }).sum()
+        };
+        let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id() && l.gain > NO_LESS * lead.gain);
+        same.min_by_key(|lead| numbers(lead)).unwrap_or(lead)
     }
 
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
@@ -229,12 +270,6 @@ impl Fits<'_> {
     }
 }
 
-/// The form of `lead`'s effect with the fewest numbers of those that promise as much.
-fn simplest<'l>(lead: &'l Lead, leads: &'l [Lead]) -> &'l Lead {
-    let same = leads.iter().filter(|other| other.effect.id() == lead.effect.id() && other.gain > NO_LESS * lead.gain);
-    same.min_by_key(|other| other.values.len()).unwrap_or(lead)
-}
-
 /// Leads of the same effect in other forms, a few of them.
 fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead]) -> impl Iterator<Item = &'l Lead> {
     leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form).take(MOST_OTHERS)
@@ -255,6 +290,13 @@ fn chosen(leads: &[Lead]) -> Vec<&Lead> {
     };
     let most = if is_hopeless { 1 } else { MOST_FITS };
     entries.into_iter().enumerate().filter(is_chosen).map(|(_, lead)| lead).take(most).collect()
+}
+
+/// A shifted reading, with the gain of the best lead: hysterons that hold something imitate it near where a refit ends and nowhere else, so
+/// that no score says anything of it, and it costs little to try.
+fn offset(leads: &[Lead]) -> Option<Lead> {
+    let lead = leads.iter().find(|lead| lead.effect.id() == OFFSET && lead.form.name == "constant")?;
+    Some(Lead { gain: leads.first()?.gain, ..lead.clone() })
 }
 
 /// The best lead of each effect, in order.

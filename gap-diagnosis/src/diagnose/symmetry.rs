@@ -29,6 +29,8 @@ pub struct Freed {
     pub sigma: f64,
     /// What that is in the entry's own parameter: a ratio less one, or metres.
     pub value: f64,
+    /// Its standard deviation.
+    pub value_sigma: f64,
     /// What the shifts cost once it is free, chi-square.
     pub cost: f64,
     /// What they cost without it.
@@ -64,11 +66,13 @@ pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
             free_one(&information, &gradient, &z, &prior, &direction).map(|(along, sigma, cost, cost_without)| {
-                let value = match bench.free.iter().find(|free| free.quantity == Quantity::Offset) {
-                    Some(free) if effect == "sensor_offset" => free.at(along) - free.prior,
-                    _ => along.exp_m1(),
+                let (value, value_sigma) = match bench.free.iter().find(|free| free.quantity == Quantity::Offset) {
+                    Some(free) if effect == "sensor_offset" => {
+                        (free.at(along) - free.prior, free.number_sigma(along, sigma))
+                    }
+                    _ => (along.exp_m1(), along.exp() * sigma),
                 };
-                Freed { effect, quantity, along, sigma, value, cost, cost_without }
+                Freed { effect, quantity, along, sigma, value, value_sigma, cost, cost_without }
             })
         })
         .collect();

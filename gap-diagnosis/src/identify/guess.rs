@@ -1,5 +1,6 @@
 //! A first guess of the plant from the logs alone: static gain, loop width, and the resonance if the logs show one.
 
+use crate::spectra::{frf, segment_samples};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
@@ -16,6 +17,12 @@ const SCAN_DAMPING: [f64; 2] = [0.05, 0.4];
 /// Ringing that nobody saw would open and close dead zones between samples.
 const UNSEEN_HZ: f64 = 783.0;
 const UNSEEN_DAMPING: f64 = 1.0;
+
+/// Correlation of displacement and command from which on the line through them says enough.
+const STRAIGHT: f64 = 0.7;
+/// Coherence of a line that says something, and how many of the slowest say which way the plant goes.
+const COHERENT: f64 = 0.8;
+const SLOWEST: usize = 3;
 
 /// What the records look like before anything is fitted.
 pub struct Looks {
@@ -38,8 +45,11 @@ pub fn looks(log: &Log, run_in: usize) -> Looks {
     let suu: f64 = u.iter().map(|u| (u - mean_u).powi(2)).sum();
     let suy: f64 = pairs().map(|(u, y)| (u - mean_u) * (y - mean_y)).sum();
     let syy: f64 = y.iter().map(|y| (y - mean_y).powi(2)).sum();
-    let gain_m_per_v = suy / suu;
-    let rms_m = ((syy - gain_m_per_v * suy).max(0.0) / n).sqrt();
+    let line_m_per_v = suy / suu;
+    // Above its resonance a plant moves against the command: then the slowest part says which way it goes.
+    let slow_m_per_v = if suy < STRAIGHT * (suu * syy).sqrt() { slow_gain_m_per_v(u, y, log.dt_s) } else { None };
+    let gain_m_per_v = slow_m_per_v.unwrap_or(line_m_per_v);
+    let rms_m = ((syy - line_m_per_v * suy).max(0.0) / n).sqrt();
     let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     Looks {
         gain_m_per_v,
@@ -47,6 +57,15 @@ pub fn looks(log: &Log, run_in: usize) -> Looks {
         width_v: rms_m / gain_m_per_v.abs(),
         span_v: high - low,
     }
+}
+
+/// In-phase part of the response at the lowest frequencies that the log shows, if it shows any.
+fn slow_gain_m_per_v(command_v: &[f64], displacement_m: &[f64], dt_s: f64) -> Option<f64> {
+    let response = frf(command_v, displacement_m, dt_s, segment_samples(command_v.len()))?;
+    let coherent = (0..response.coherence.len()).filter(|&k| response.coherence[k] > COHERENT);
+    let slowest: Vec<f64> =
+        coherent.take(SLOWEST).map(|k| response.gain_m_per_v[k] * response.phase_rad[k].cos()).collect();
+    (!slowest.is_empty()).then(|| slowest.iter().sum::<f64>() / slowest.len() as f64)
 }
 
 /// A plant with `hysterons` hysterons that has the logs' gain and loop width, and whether the logs show a resonance at all.
@@ -230,4 +249,40 @@ fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -
         .min_by(|a, b| a.2.total_cmp(&b.2))
         .filter(|best| best.2 < 0.97 * unseen)
         .map(|best| (best.0, best.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plant_sim::log::Log;
+
+    /// Above its resonance at 30 Hz a plant moves against most of this command, and yet it goes the command's way.
+    #[test]
+    fn a_log_above_the_resonance_is_not_upside_down() {
+        let (dt_s, turning) = (1e-3, std::f64::consts::TAU * 30.0);
+        let command_v: Vec<f64> = (0..8000)
+            .map(|k| {
+                let t = f64::from(k) * dt_s;
+                [(5.0, 1.0), (50.0, 3.0), (70.0, 3.0), (90.0, 3.0)]
+                    .iter()
+                    .map(|(hz, volts)| volts * (std::f64::consts::TAU * hz * t).sin())
+                    .sum()
+            })
+            .collect();
+        let (mut q, mut w) = (0.0, 0.0);
+        let displacement_m: Vec<f64> = command_v
+            .iter()
+            .map(|u| {
+                let seen = q;
+                w += dt_s * (turning * turning * (1e-6 * u - q) - 0.2 * turning * w);
+                q += dt_s * w;
+                seen
+            })
+            .collect();
+        let log =
+            |displacement_m: Vec<f64>| Log { dt_s, command_v: command_v.clone(), displacement_m, ..Log::default() };
+        let upright = looks(&log(displacement_m.clone()), 0).gain_m_per_v;
+        assert!((0.7e-6..1.4e-6).contains(&upright), "{upright:e}");
+        assert!(looks(&log(displacement_m.iter().map(|q| -q).collect()), 0).gain_m_per_v < 0.0);
+    }
 }
