@@ -194,6 +194,13 @@ impl Moments {
         self.zeroth += piece.zeroth;
     }
 
+    /// Adds `value` at `t` with the `weight` of a node of a quadrature.
+    pub(super) fn add_node(&mut self, t: f64, weight: f64, value: f64) {
+        self.zeroth += weight * value;
+        self.first += weight * t * value;
+        self.second += weight * t * t * value;
+    }
+
     /// The parabola over `duration_s` that has these moments: its value, slope and second derivative at the start.
     pub(super) fn parabola(self, duration_s: f64) -> [f64; 3] {
         let per = 1.0 / duration_s;

@@ -97,7 +97,6 @@ pub struct Simulator {
     transducer: Option<Transducer>,
     is_massless: bool,
     linear: Option<Box<Instead>>,
-    sample: u64,
     sample_s: f64,
     pace: Pace,
     /// Volts at the actuator at the present sample's start.
@@ -205,7 +204,6 @@ impl Simulator {
                 let rate = (space.a.row(0).iter().copied().collect(), space.b[0]);
                 Box::new(Instead { space, rate })
             }),
-            sample: 0,
             sample_s,
             pace,
             acting_v: 0.0,
@@ -329,8 +327,7 @@ impl Simulator {
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
         let shakes = self.shakes.as_slice();
-        let sample_start_s = self.sample as f64 * self.sample_s;
-        self.sample += 1;
+        let sample_start_s = self.readout.time_s();
         self.acting_v = match &mut self.pace {
             Pace::Exact(queue) => queue.advance(
                 stepper,
@@ -439,7 +436,10 @@ impl Queue {
                 if let Some(transducer) = transducer {
                     push = push.without(transducer.missing([start_v, slope, 0.0], duration_s));
                 }
-                stepper.push(span, push.with(Shake::push(shakes, sample_start_s + from_s, duration_s)));
+                if !shakes.is_empty() {
+                    push = push.with(Shake::push(shakes, sample_start_s + from_s, duration_s));
+                }
+                stepper.push(span, push);
                 return end_v;
             }
             if held.slope_v_per_s == 0.0 {

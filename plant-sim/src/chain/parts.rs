@@ -5,6 +5,8 @@
 //! is mass. Plants of other kinds ([`crate::model::Kind`]) are parts in place of hysterons or of the whole structure.
 
 use super::DriveHysteresis;
+use super::lag::Moments;
+use super::path::Piece;
 use crate::bouc_wen::BoucWen;
 use crate::exact::Push;
 use crate::linear::StateSpace;
@@ -61,22 +63,18 @@ pub struct Shake {
 }
 
 impl Shake {
-    /// The force of all `shakes` over `duration_s` from `from_s` on, as the parabola through start, middle and end: what it lacks at 1 kHz
-    /// over 50 us is a part in 1e5 of the momentum.
+    /// The force of all `shakes` over `duration_s` from `from_s` on, as the parabola with the same three moments.
     pub(super) fn push(shakes: &[Self], from_s: f64, duration_s: f64) -> Push {
-        let at_n = |time_s: f64| -> f64 {
+        let mut sum = Moments::default();
+        for (t, weight) in (Piece { from_s: 0.0, to_s: duration_s }).nodes() {
             let one = |shake: &Self| {
-                let (sin, cos) = (TAU * shake.hz * time_s).sin_cos();
+                let (sin, cos) = (TAU * shake.hz * (from_s + t)).sin_cos();
                 shake.cos_n * cos + shake.sin_n * sin
             };
-            shakes.iter().map(one).sum()
-        };
-        let [start, middle, end] = [0.0, 0.5, 1.0].map(|share| at_n(from_s + share * duration_s));
-        Push {
-            force_n: start,
-            slope: (4.0 * middle - 3.0 * start - end) / duration_s,
-            curve: 4.0 * (start - 2.0 * middle + end) / (duration_s * duration_s),
+            sum.add_node(t, weight, shakes.iter().map(one).sum());
         }
+        let [force_n, slope, curve] = sum.parabola(duration_s);
+        Push { force_n, slope, curve }
     }
 }
 

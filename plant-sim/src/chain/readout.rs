@@ -120,7 +120,12 @@ impl Readout {
     #[inline]
     pub(super) fn reading_m(&self) -> f64 {
         let seen_m = if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m };
-        self.sensor.predictable_m(seen_m, self.sample as f64 * self.sample_s)
+        self.sensor.predictable_m(seen_m, self.time_s())
+    }
+
+    /// When this sample is, from the start on.
+    pub(super) fn time_s(&self) -> f64 {
+        self.sample as f64 * self.sample_s
     }
 }
 

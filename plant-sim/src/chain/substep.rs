@@ -199,9 +199,7 @@ impl Laws {
                 let from_m = path.at(piece.from_s);
                 for (t, weight) in piece.nodes() {
                     let force_n = elastic_n(&self.plant, forces, slid, path.at(t) - from_m, path.at(t));
-                    sum.zeroth += weight * force_n;
-                    sum.first += weight * t * force_n;
-                    sum.second += weight * t * t * force_n;
+                    sum.add_node(t, weight, force_n);
                 }
                 drag(forces, slid, path.at(piece.to_s) - from_m);
             });

@@ -67,10 +67,7 @@ impl Transducer {
                     Piece { from_s, to_s: if pieces < PIECES { self.smooth_until(&path, from_s, to_s) } else { to_s } };
                 for (t, weight) in piece.nodes() {
                     self.move_to(path.at(t));
-                    let force_n = self.now_n();
-                    sum.zeroth += weight * force_n;
-                    sum.first += weight * t * force_n;
-                    sum.second += weight * t * t * force_n;
+                    sum.add_node(t, weight, self.now_n());
                 }
                 self.move_to(path.at(piece.to_s));
                 from_s = piece.to_s;
