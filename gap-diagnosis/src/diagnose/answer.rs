@@ -262,7 +262,7 @@ pub(super) fn answer(
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
         verdict,
-        stage: effects.first().and_then(|id| stage(id, found.wrong)),
+        stage: effects.first().and_then(|id| stage(id, found.wrong())),
         effects,
         ranking,
         set90,

@@ -6,7 +6,7 @@ use super::judge::Explanation;
 use super::plants::{Benches, Variant, carry};
 use super::random::Random;
 use super::search::{Candidate, Search};
-use super::symmetry::directions;
+use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
 use nalgebra::DMatrix;
 use plant_sim::effects::find;
@@ -59,11 +59,8 @@ pub(super) struct Augmented {
     pub variant: Variant,
     /// Covariance of the coordinates, residuals correlated as they are.
     covariance: Option<DMatrix<f64>>,
-    /// The number that is wrong, for `parameter_error`.
-    pub wrong: Option<Quantity>,
-    /// An effect that the nominal numbers imitate, with the standard deviation that the priors leave its parameter: finite differences
-    /// along a direction in which the prediction doesn't change know less than nothing.
-    imitated: Option<(&'static str, f64)>,
+    /// What the nominal numbers imitate, if that is named.
+    freed: Option<Freed>,
     /// Effects that no prediction shows.
     pub random: Vec<Random>,
 }
@@ -82,7 +79,7 @@ pub(super) fn augment(
         let found = &base.found;
         let covariance = covariance(bench, &base.hypothesis, found, &search.independent_weights(base));
         let variant = Variant { hypothesis: base.hypothesis.clone(), z: found.z.clone(), starts_known: true };
-        return Augmented { variant, covariance, wrong: None, imitated: None, random };
+        return Augmented { variant, covariance, freed: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
         let found = descend(bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
@@ -90,13 +87,7 @@ pub(super) fn augment(
         let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
         let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-        Augmented {
-            variant,
-            covariance,
-            wrong: freed.quantity,
-            imitated: Some((freed.effect, freed.value_sigma)),
-            random,
-        }
+        Augmented { variant, covariance, freed: Some(freed.clone()), random }
     };
     if let Some(effect) = find(freed.effect) {
         let form = &effect.forms()[0];
@@ -136,6 +127,11 @@ impl Augmented {
         MEDIAN_OF_SQUARE * moved.sum::<f64>()
     }
 
+    /// The number that is wrong, for `parameter_error`.
+    pub fn wrong(&self) -> Option<Quantity> {
+        self.freed.as_ref().and_then(|freed| freed.quantity)
+    }
+
     fn sigma(&self, place: usize) -> f64 {
         self.covariance.as_ref().map_or(f64::NAN, |covariance| covariance[(place, place)].max(0.0).sqrt())
     }
@@ -161,10 +157,9 @@ impl Augmented {
                 } else {
                     one(0)
                 };
-                let sigma = match self.imitated {
-                    Some((effect, by_priors)) if effect == installed.effect.id() => sigma.max(by_priors),
-                    _ => sigma,
-                };
+                // Along a direction in which the prediction doesn't change only the priors know anything, and finite differences less.
+                let imitated = self.freed.as_ref().filter(|freed| freed.effect == installed.effect.id());
+                let sigma = imitated.map_or(sigma, |freed| sigma.max(freed.value_sigma));
                 estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
             }
         }
@@ -179,7 +174,7 @@ impl Augmented {
     /// Nominal numbers that moved by more than three of their sigma, the wrong one in any case.
     pub fn changed(&self, bench: &Bench<'_>) -> Vec<Changed> {
         let moved = bench.free.iter().zip(&self.variant.z).filter(|(free, z)| {
-            log_factor(free.scale, **z).abs() > MOVED * free.prior_sigma || self.wrong == Some(free.quantity)
+            log_factor(free.scale, **z).abs() > MOVED * free.prior_sigma || self.wrong() == Some(free.quantity)
         });
         let changed = moved.map(|(free, z)| {
             let unit = free.quantity.per_si();

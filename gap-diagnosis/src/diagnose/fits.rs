@@ -24,10 +24,10 @@ const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
-/// A form of fewer numbers goes first if it promised this share of the best one's gain.
-const NO_LESS: f64 = 0.98;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
+/// A form of fewer numbers goes first if it promised this share of the best one's gain.
+const NO_LESS: f64 = 0.98;
 /// A fit that leaves so many times what the screening promised, where that was nearly all, is tried from elsewhere.
 const MUCH_MORE: f64 = 2.0;
 const PROMISING: f64 = 0.9;

@@ -146,15 +146,12 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
     for attempt in 0..RESTARTS {
-        let is_bent = refit.found.prior_cost > BENT_COST;
-        if !(has_gap(&refit) || is_bent) || refit.chi > LOCAL_MINIMUM {
+        let (has_gap, is_bent) = (has_gap(&refit), refit.found.prior_cost > BENT_COST);
+        if !(has_gap || is_bent) || refit.chi > LOCAL_MINIMUM {
             break;
         }
-        refit = if is_bent && !has_gap(&refit) && attempt == 0 {
-            search.unbent(refit)
-        } else {
-            search.refit_elsewhere(refit, attempt)
-        };
+        // At the noise only the numbers are wrong, and first of all they are asked to come home.
+        refit = if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, attempt) };
     }
     refit
 }

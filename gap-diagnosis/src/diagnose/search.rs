@@ -101,9 +101,9 @@ impl Search<'_> {
         if z == candidate.found.z {
             return candidate;
         }
-        let (least, from) = (candidate.found.data_cost, &candidate.hypothesis);
-        let found = descend(self.bench, from, z, &LAST_STAGES, least, self.simulations);
-        let again = self.candidate(candidate.hypothesis.clone(), found);
+        let Candidate { hypothesis, found, .. } = &candidate;
+        let found = descend(self.bench, hypothesis, z, &LAST_STAGES, found.data_cost, self.simulations);
+        let again = self.candidate(hypothesis.clone(), found);
         if total(&again) < total(&candidate) { again } else { candidate }
     }
 

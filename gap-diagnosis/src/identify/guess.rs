@@ -254,7 +254,6 @@ fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plant_sim::log::Log;
 
     /// Above its resonance at 30 Hz a plant moves against most of this command, and yet it goes the command's way.
     #[test]

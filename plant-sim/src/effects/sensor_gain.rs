@@ -8,9 +8,10 @@ effect!(SensorGain, "sensor_gain", Sensor);
 const ABOUT: About = About {
     title: "sensor gain",
     what: "The reading is a fixed share larger or smaller than the displacement.",
-    equation: "y = (1 + g) q, or, while the instrument warms up, y = (1 + g (1 - exp(-t / tau))) q; q: displacement, y: \
-               reading, g: relative gain error, t: time since the log's start, tau: time constant. The first by itself indistinguishable from \
-               alpha (1 + g) with all C and slopes (1 + g)^2, alpha: transduction, C: capacitances",
+    equation: "y = (1 + g) q, or, while the instrument warms up, y = (1 + g (1 - exp(-t / tau))) q; q: displacement, \
+               y: reading, g: relative gain error, t: time since the log's start, tau: time constant. The first is by \
+               itself indistinguishable from alpha (1 + g) with all C and slopes (1 + g)^2, alpha: transduction, C: \
+               capacitances",
     source: "table of position sensors in Fleming 2013 (capacitive 0.1 %, strain 1 % of full scale), as quoted by \
              tdehaeze's notes",
     typical: "0.1 to 1 %",
