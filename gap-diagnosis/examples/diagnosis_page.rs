@@ -204,27 +204,22 @@ fn made(name: &str, seconds: f64, drive: impl Fn(f64) -> f64) -> DiagnosedLog {
 
 fn located(logs: &[DiagnosedLog], predicted: fn(&DiagnosedLog) -> &Vec<f64>) -> gap_diagnosis::locate::Where {
     let metres = |values_um: &[f64]| -> Vec<f64> { values_um.iter().map(|um| 1e-6 * um).collect() };
-    let columns: Vec<[Vec<f64>; 3]> = logs
+    let columns: Vec<[Vec<f64>; 2]> = logs
         .iter()
         .map(|log| {
             let predicted_m = metres(predicted(log));
             let residual_m = metres(&log.measured_um).iter().zip(&predicted_m).map(|(y, p)| y - p).collect();
-            let last = predicted_m.len() - 1;
-            let velocity = (0..=last)
-                .map(|k| (predicted_m[(k + 1).min(last)] - predicted_m[k.saturating_sub(1)]) / (2.0 * DT_S))
-                .collect();
-            [predicted_m, velocity, residual_m]
+            [predicted_m, residual_m]
         })
         .collect();
     let traces: Vec<Trace<'_>> = logs
         .iter()
         .zip(&columns)
-        .map(|(log, [displacement_m, velocity_m_per_s, residual_m])| Trace {
+        .map(|(log, [displacement_m, residual_m])| Trace {
             name: &log.name,
             dt_s: DT_S,
             drive_v: &log.drive_v,
             displacement_m,
-            velocity_m_per_s,
             residual_m,
             noise_m: 1e-6 * NOISE_UM,
         })

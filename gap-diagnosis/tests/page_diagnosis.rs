@@ -30,23 +30,21 @@ fn log(name: &str, n: usize, is_held_out: bool) -> DiagnosedLog {
 }
 
 fn located(logs: &[DiagnosedLog]) -> Where {
-    let columns: Vec<[Vec<f64>; 3]> = logs
+    let columns: Vec<[Vec<f64>; 2]> = logs
         .iter()
         .map(|log| {
             let residual_m = log.measured_um.iter().zip(&log.nominal_um).map(|(y, p)| 1e-6 * (y - p)).collect();
-            let velocity = log.time_s.iter().map(|t| 78e-6 * 60.0 * (60.0 * t).cos()).collect();
-            [log.nominal_um.iter().map(|um| 1e-6 * um).collect(), velocity, residual_m]
+            [log.nominal_um.iter().map(|um| 1e-6 * um).collect(), residual_m]
         })
         .collect();
     let traces: Vec<Trace<'_>> = logs
         .iter()
         .zip(&columns)
-        .map(|(log, [displacement_m, velocity_m_per_s, residual_m])| Trace {
+        .map(|(log, [displacement_m, residual_m])| Trace {
             name: &log.name,
             dt_s: 5e-5,
             drive_v: &log.drive_v,
             displacement_m,
-            velocity_m_per_s,
             residual_m,
             noise_m: 1e-6 * log.noise_um,
         })

@@ -2,7 +2,7 @@
 
 use crate::checks::{Step, run_steps, run_tests};
 use crate::project::{Outcome, Project, passes};
-use crate::{firmware, replay_big_log};
+use crate::{big_logs, firmware};
 use anyhow::{Result, bail};
 
 /// Cases per property where the environment does not say: about 80 times proptest's default of 256.
@@ -20,7 +20,12 @@ const TASKS: &[Step] = &[
     Step {
         name: "replay-2gb",
         what: "a 2 GB log replayed under a 600 MB address limit, peak memory printed",
-        run: replay_big_log::run,
+        run: big_logs::replay,
+    },
+    Step {
+        name: "diagnose-10min",
+        what: "ten minutes at 20 kHz diagnosed in less than 1 GB, peak memory printed",
+        run: big_logs::diagnose,
     },
 ];
 

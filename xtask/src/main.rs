@@ -5,13 +5,13 @@
 
 mod arrows;
 mod bare;
+mod big_logs;
 mod checks;
 mod closed_loop;
 mod deny;
 mod firmware;
 mod long;
 mod project;
-mod replay_big_log;
 mod report;
 mod tidy;
 

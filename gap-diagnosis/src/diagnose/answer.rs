@@ -228,10 +228,14 @@ pub(super) fn answer(
     let classes = explanation.map(|top| classes(search, course, top)).unwrap_or_default();
 
     say("locating", 0.94);
-    let mut location = located(benches, &three.refit);
+    let logs = logs(benches, &three);
+    // Ten minutes are a hundred megabytes a column.
+    let Three { refit, augmented, .. } = three;
+    let mut location = located(benches, &refit);
     location.stages = stages(&course.leads);
-    let location_after = located(benches, &three.augmented);
-    let unexplained = unexplained(benches, &three.augmented, &location_after);
+    drop(refit);
+    let location_after = located(benches, &augmented);
+    let unexplained = unexplained(benches, &augmented, &location_after);
     say("choosing the next experiment", 0.96);
     let open = open(&effects, &set90, &classes);
     let (next_experiment, no_experiment_reason) = match next(bench, course, explanation, &open) {
@@ -284,7 +288,7 @@ pub(super) fn answer(
         augmented: found.model(bench, "diagnosed"),
         evidence: Evidence {
             location_after: Some(location_after),
-            logs: logs(benches, &three),
+            logs,
             rivals: rivals(course, explanation),
             changed: found.moved(bench),
         },
@@ -404,33 +408,20 @@ fn located(benches: &Benches<'_>, played: &[Played]) -> Where {
             record.log.displacement_m.iter().zip(played).enumerate().map(residual).collect()
         })
         .collect();
-    let velocities: Vec<Vec<f64>> =
-        benches.records().zip(played).map(|(record, played)| velocity_m_per_s(played, record.log.dt_s)).collect();
     let traces: Vec<Trace<'_>> = benches
         .records()
         .zip(played)
-        .zip(residuals.iter().zip(&velocities))
-        .map(|((record, played), (residual_m, velocity_m_per_s))| Trace {
+        .zip(&residuals)
+        .map(|((record, played), residual_m)| Trace {
             name: &record.log.name,
             dt_s: record.log.dt_s,
             drive_v: record.log.drive_v.as_ref().unwrap_or(&record.log.command_v),
             displacement_m: played,
-            velocity_m_per_s,
             residual_m,
             noise_m: record.noise_m,
         })
         .collect();
     locate(&traces)
-}
-
-/// Central differences: a map of velocities needs no more, and ten minutes of them would cost as much memory as the log.
-fn velocity_m_per_s(displacement_m: &[f64], dt_s: f64) -> Vec<f64> {
-    let last = displacement_m.len() - 1;
-    let slope = |k: usize| {
-        let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
-        (displacement_m[after] - displacement_m[before]) / ((after - before).max(1) as f64 * dt_s)
-    };
-    (0..=last).map(slope).collect()
 }
 
 fn unexplained(benches: &Benches<'_>, augmented: &[Played], location: &Where) -> Unexplained {

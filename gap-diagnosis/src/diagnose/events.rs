@@ -47,10 +47,19 @@ pub(super) struct Applied {
 }
 
 impl Applied {
-    /// `logs` with the commands that arrived.
-    pub fn logs(&self, logs: &[Log]) -> Vec<Log> {
-        let one = |(log, command_v): (&Log, &Vec<f64>)| Log { command_v: command_v.clone(), ..log.clone() };
-        logs.iter().zip(&self.command_v).map(one).collect()
+    /// What a diagnosis reads of `logs`, with the commands that arrived, which are given away.
+    pub fn logs(&mut self, logs: &[Log]) -> Vec<Log> {
+        let one = |(log, command_v): (&Log, Vec<f64>)| Log {
+            name: log.name.clone(),
+            time_start_s: log.time_start_s,
+            dt_s: log.dt_s,
+            command_v,
+            displacement_m: log.displacement_m.clone(),
+            force_n: log.force_n.clone(),
+            meta: log.meta.clone(),
+            ..Log::default()
+        };
+        logs.iter().zip(std::mem::take(&mut self.command_v)).map(one).collect()
     }
 }
 
@@ -68,18 +77,17 @@ pub(super) fn applied(search: &Search<'_>, course: &Course) -> Option<Applied> {
 }
 
 /// What the walks found, if it can be nothing but losses.
-fn judged(walks: Vec<Walk<'_>>) -> Option<Applied> {
+fn judged(walks: Vec<Walked>) -> Option<Applied> {
     let shares: Vec<f64> = walks.iter().flat_map(|walk| walk.shares.iter().copied()).collect();
     let crowded = shares.iter().filter(|share| (AT_ONE[0]..AT_ONE[1]).contains(*share)).count();
     let (mut rows, mut lost, mut visible, mut taken_m2) = (0, 0, 0, 0.0);
     let mut power_m2 = [0.0; 2];
     for walk in &walks {
-        rows += walk.log.len();
+        rows += walk.is_lost.len();
         lost += walk.is_lost.iter().filter(|is_lost| **is_lost).count();
         visible += walk.visible;
         taken_m2 += walk.taken_m2;
-        let [before_m2, after_m2] = walk.power_m2();
-        power_m2 = [power_m2[0] + before_m2, power_m2[1] + after_m2];
+        power_m2 = [power_m2[0] + walk.power_m2[0], power_m2[1] + walk.power_m2[1]];
     }
     let is_found = shares.len() >= LEAST
         && crowded as f64 >= CROWDED * shares.len() as f64
@@ -99,9 +107,8 @@ struct Walk<'a> {
     log: &'a Log,
     applied_v: Vec<f64>,
     is_lost: Vec<bool>,
-    /// What is left, slow parts taken off, and what it was.
+    /// What is left, slow parts taken off.
     left_m: Vec<f64>,
-    before_m: Vec<f64>,
     /// Echo of a volt over one sample, slow parts taken off, from `ahead` rows before the sample on; its products with itself.
     echo_m: Vec<f64>,
     ahead: usize,
@@ -111,6 +118,20 @@ struct Walk<'a> {
     shares: Vec<f64>,
     /// Rows whose loss would have shown.
     visible: usize,
+    taken_m2: f64,
+}
+
+/// What a search of one log found.
+struct Walked {
+    applied_v: Vec<f64>,
+    is_lost: Vec<bool>,
+    /// Sums of squares beyond the noise, before and after.
+    power_m2: [f64; 2],
+    /// See [`Walk`].
+    shares: Vec<f64>,
+    /// See [`Walk`].
+    visible: usize,
+    /// See [`Walk`].
     taken_m2: f64,
 }
 
@@ -145,7 +166,6 @@ impl<'a> Walk<'a> {
             log,
             applied_v: log.command_v.clone(),
             is_lost: vec![false; log.len()],
-            before_m: left_m.clone(),
             left_m,
             echo_m,
             ahead,
@@ -157,17 +177,17 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// Sums of squares beyond the noise, before and after.
-    fn power_m2(&self) -> [f64; 2] {
-        let noise_m2 = self.noise2 * self.log.len() as f64;
-        [&self.before_m, &self.left_m].map(|values| (values.iter().map(|v| v * v).sum::<f64>() - noise_m2).max(0.0))
+    /// Sum of squares beyond the noise.
+    fn power_m2(&self) -> f64 {
+        (self.left_m.iter().map(|v| v * v).sum::<f64>() - self.noise2 * self.log.len() as f64).max(0.0)
     }
 
-    fn searched(mut self) -> Self {
+    fn searched(mut self) -> Walked {
         let rows = self.log.len();
+        let before_m2 = self.power_m2();
         for _ in 0..PASSES {
             let found = self.shares.len();
-            let scatter_m = TO_SIGMA * median_magnitude(&self.left_m);
+            let scatter_m = TO_SIGMA * median_magnitude(self.left_m.clone());
             let unit2 = self.noise2.max(scatter_m * scatter_m);
             for from in (1..rows).step_by(BLOCK) {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
@@ -178,7 +198,14 @@ impl<'a> Walk<'a> {
                 break;
             }
         }
-        self
+        Walked {
+            power_m2: [before_m2, self.power_m2()],
+            applied_v: self.applied_v,
+            is_lost: self.is_lost,
+            shares: self.shares,
+            visible: self.visible,
+            taken_m2: self.taken_m2,
+        }
     }
 
     fn search_block(&mut self, block: std::ops::Range<usize>, unit2: f64) {
@@ -342,7 +369,7 @@ mod tests {
         let (is_lost, applied) = found(&model, &log);
         let rows: Vec<usize> = (0..is_lost.len()).filter(|&k| is_lost[k]).collect();
         assert_eq!(rows, lost);
-        let applied = applied.expect("losses");
+        let mut applied = applied.expect("losses");
         assert!((applied.share * 6000.0 / 10.0 - 1.0).abs() < 0.5, "{}", applied.share);
         assert_eq!(applied.logs(std::slice::from_ref(&log))[0].command_v, hold(&log.command_v));
     }

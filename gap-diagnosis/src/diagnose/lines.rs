@@ -14,10 +14,16 @@ const PROMINENCE: f64 = 12.0;
 const NEIGHBOURS: usize = 60;
 /// Most lines that are reported.
 const MOST: usize = 6;
+/// Grids on which a line's place is sought, each eight times as fine as the one before; more where the last is coarser than this part of a
+/// period over the longest log.
+const LEVELS: usize = 3;
+const FINE: f64 = 0.1;
 /// Samples of a segment for resonances, the lowest of them, and how far apart they are reported, as a logarithm.
 const RESONANCE_SEGMENT: usize = 4096;
 const LOWEST_RESONANCE_HZ: f64 = 50.0;
 const APART: f64 = 0.02;
+/// A longer residual is taken in stretches: the transform of ten minutes would hold ten times what their log does.
+const MOST_ROWS: usize = 1 << 20;
 /// Frequencies of the common axis.
 const BINS: usize = 1 << 15;
 
@@ -26,7 +32,12 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
     let mut total = vec![0.0; BINS];
     let mut planner = RealFftPlanner::<f64>::new();
-    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
+    let stretches = bench.records.iter().zip(remainders).flat_map(|(record, remainder)| {
+        let rows = remainder.residual_m.len();
+        let count = rows.div_ceil(MOST_ROWS).max(1);
+        remainder.residual_m.chunks(rows.div_ceil(count).max(1)).map(move |residual_m| (record, residual_m))
+    });
+    for (record, residual_m) in stretches {
         let n = residual_m.len();
         let size = (PADDING * n).next_power_of_two();
         let mean = residual_m.iter().sum::<f64>() / n.max(1) as f64;
@@ -96,33 +107,76 @@ pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     apart
 }
 
-/// The frequency near `hz` at which all logs together have most power: a line of several seconds is much narrower than a bin.
+/// The frequency near `hz` at which all logs together have most power: a line of several seconds is much narrower than a bin. The finer the
+/// grid becomes, the longer are the stretches that are looked at: the line of a long one would lie between two places of a coarse grid.
 fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64) -> f64 {
-    let power = |hz: f64| -> f64 {
+    let power = |hz: f64, stretch_s: f64| -> f64 {
         let of_log = |(record, Remainder { residual_m, .. }): (&Record<'_>, &Remainder)| {
             let turn = Complex::from_polar(1.0, -std::f64::consts::TAU * hz * record.log.dt_s);
-            let mut phase = Complex::new(1.0, 0.0);
-            let mut sum = Complex::new(0.0, 0.0);
-            for r in residual_m {
-                sum += phase * r;
-                phase *= turn;
-            }
-            sum.norm_sqr() / (residual_m.len() as f64 * record.noise_m * record.noise_m)
+            let rows = ((stretch_s / record.log.dt_s) as usize).clamp(1, residual_m.len());
+            let of_stretch = |stretch_m: &[f64]| {
+                let mut phase = Complex::new(1.0, 0.0);
+                let mut sum = Complex::new(0.0, 0.0);
+                for r in stretch_m {
+                    sum += phase * r;
+                    phase *= turn;
+                }
+                sum.norm_sqr() / (rows as f64 * record.noise_m * record.noise_m)
+            };
+            residual_m.chunks(rows).map(of_stretch).sum::<f64>()
         };
         bench.records.iter().zip(remainders).map(of_log).sum()
     };
-    let mut best = (power(hz), hz);
-    let mut reach_hz = width_hz;
-    for _ in 0..3 {
-        let centre_hz = best.1;
+    let longest_s = bench.records.iter().map(|r| r.log.len() as f64 * r.log.dt_s).fold(0.0, f64::max);
+    let mut best_hz = hz;
+    let mut step_hz = width_hz / 8.0;
+    for level in 0.. {
+        let is_fine = step_hz < FINE / longest_s;
+        let centre_hz = best_hz;
+        let mut best = power(centre_hz, 0.5 / step_hz);
         for step in -8..=8 {
-            let there_hz = centre_hz + reach_hz * f64::from(step) / 8.0;
-            let there = (power(there_hz), there_hz);
-            if there.0 > best.0 {
-                best = there;
+            let there_hz = centre_hz + step_hz * f64::from(step);
+            let there = power(there_hz, 0.5 / step_hz);
+            if there > best {
+                (best, best_hz) = (there, there_hz);
             }
         }
-        reach_hz /= 8.0;
+        if level + 1 >= LEVELS && is_fine {
+            break;
+        }
+        step_hz /= 8.0;
     }
-    best.1
+    best_hz
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use plant_sim::log::Log;
+    use plant_sim::model::Model;
+    use std::f64::consts::TAU;
+    use std::path::Path;
+
+    #[test]
+    fn the_line_of_a_long_log_is_not_missed_between_two_places_of_a_grid() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let rows = 60_000;
+        // A minute at 1 kHz: the line is a sixtieth of a hertz wide.
+        let residual_m: Vec<f64> = (0..rows).map(|k| 1e-7 * (TAU * 50.003 * 1e-3 * f64::from(k)).sin()).collect();
+        let log = Log {
+            dt_s: 1e-3,
+            command_v: vec![0.0; residual_m.len()],
+            displacement_m: residual_m.clone(),
+            ..Log::default()
+        };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let velocity_m_per_s = vec![0.0; residual_m.len()];
+        let remainders = [Remainder { residual_m, velocity_m_per_s }];
+        let found = lines(&bench, &remainders);
+        assert!((found[0] - 50.003).abs() < 1e-3, "{found:?}");
+        let found = sharpened(&bench, &remainders, 50.12, 0.3);
+        assert!((found - 50.003).abs() < 1e-3, "{found}");
+    }
 }

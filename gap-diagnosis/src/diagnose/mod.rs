@@ -123,8 +123,8 @@ pub fn diagnose(
     let mut search = Search { bench: &bench, simulations: &simulations };
     let mut course = judge::course(&search, freedom, &without, progress);
     let warnings = error::warnings(logs, held_out);
-    let applied = if are_losses_known && course.has_gap() { events::applied(&search, &course) } else { None };
-    if let Some(applied) = &applied {
+    let mut applied = if are_losses_known && course.has_gap() { events::applied(&search, &course) } else { None };
+    if let Some(applied) = &mut applied {
         // What never arrived is no matter of the plant: everything again with the commands that did.
         arrived = applied.logs(logs);
         bench = Bench::new(plant, records(&arrived));

@@ -1,6 +1,6 @@
 //! Numbers that say in words how the residual goes with the motion.
 
-use super::drive::{Direction, DriveMotion};
+use super::drive::Direction;
 use super::power::{Part, percent};
 use super::states::scored;
 use super::{Harmonics, Trace};
@@ -66,7 +66,7 @@ impl Correlation {
 
 pub(super) fn character(
     traces: &[Trace<'_>],
-    motions: &[DriveMotion],
+    directions: &[Vec<Direction>],
     harmonics: &Harmonics,
     whole: &Part,
 ) -> Character {
@@ -80,23 +80,23 @@ pub(super) fn character(
     let mut correlations = [Correlation::default(); 3];
     let (mut centred_m2_s, mut offset_m2_s) = (0.0, 0.0);
     let (mut growth_m2_s, mut quarters_m2_s) = (0.0, 0.0);
-    for (trace, motion) in traces.iter().zip(motions) {
+    for (trace, directions) in traces.iter().zip(directions) {
         let dt_s = trace.dt_s;
         let n_scored = scored(trace).count().max(1) as f64;
         let mean = |value: &dyn Fn(usize) -> f64| scored(trace).map(value).sum::<f64>() / n_scored;
         let acceleration = |k: usize| {
-            let (before, after) = (k.saturating_sub(1), (k + 1).min(trace.velocity_m_per_s.len() - 1));
-            (trace.velocity_m_per_s[after] - trace.velocity_m_per_s[before]) / ((after - before).max(1) as f64 * dt_s)
+            let (before, after) = (k.saturating_sub(1), (k + 1).min(trace.displacement_m.len() - 1));
+            (trace.velocity_m_per_s(after) - trace.velocity_m_per_s(before)) / ((after - before).max(1) as f64 * dt_s)
         };
         let others: [&dyn Fn(usize) -> f64; 3] =
-            [&|k| trace.displacement_m[k], &|k| trace.velocity_m_per_s[k], &acceleration];
+            [&|k| trace.displacement_m[k], &|k| trace.velocity_m_per_s(k), &acceleration];
         let means = others.map(mean);
         let mean_m = mean(&|k| trace.residual_m[k]);
         // The noise's own mean has the variance noise^2 / N.
         offset_m2_s += (mean_m * mean_m * n_scored - trace.noise_m.powi(2)).max(0.0) * dt_s;
         for k in scored(trace) {
             let residual_m = trace.residual_m[k];
-            let direction_idx = match motion.direction[k] {
+            let direction_idx = match directions[k] {
                 Direction::Rising => 0,
                 Direction::Falling => 1,
                 Direction::Rest => 2,

@@ -21,45 +21,36 @@ pub(super) enum Direction {
     Falling,
 }
 
-/// Rate and direction per sample.
-pub(super) struct DriveMotion {
-    pub rate_v_per_s: Vec<f64>,
-    pub direction: Vec<Direction>,
+/// Direction per sample.
+pub(super) fn directions(trace: &Trace<'_>) -> Vec<Direction> {
+    let (drive_v, dt_s) = (trace.drive_v, trace.dt_s);
+    let (lowest_v, highest_v) = range(drive_v);
+    // Six sigma of a monitor's noise are not a motion either.
+    let still_v = (STILL_RANGE * (highest_v - lowest_v)).max(6.0 * noise_rms(drive_v));
+    let mut direction = Vec::with_capacity(drive_v.len());
+    let (mut anchor_v, mut anchor_idx) = (drive_v.first().copied().unwrap_or(0.0), 0);
+    let mut last = Direction::Rest;
+    // Before its first change a drive has been where it is for ever.
+    let mut has_moved = false;
+    for (k, &at_v) in drive_v.iter().enumerate() {
+        if (at_v - anchor_v).abs() > still_v {
+            last = if at_v > anchor_v { Direction::Rising } else { Direction::Falling };
+            (anchor_v, anchor_idx, has_moved) = (at_v, k, true);
+        }
+        let is_resting = !has_moved || (k - anchor_idx) as f64 * dt_s > REST_AFTER_S;
+        direction.push(if is_resting { Direction::Rest } else { last });
+    }
+    direction
 }
 
-impl DriveMotion {
-    pub fn of(trace: &Trace<'_>) -> Self {
-        let (drive_v, dt_s) = (trace.drive_v, trace.dt_s);
-        let n = drive_v.len();
-        let half = ((HALF_WIDTH_S / dt_s).round() as usize).max(1);
-        let rate_v_per_s = (0..n)
-            .map(|k| {
-                let (before, after) = (k.saturating_sub(half), (k + half).min(n - 1));
-                if after == before {
-                    0.0
-                } else {
-                    (drive_v[after] - drive_v[before]) / ((after - before) as f64 * dt_s)
-                }
-            })
-            .collect();
-
-        let (lowest_v, highest_v) = range(drive_v);
-        // Six sigma of a monitor's noise are not a motion either.
-        let still_v = (STILL_RANGE * (highest_v - lowest_v)).max(6.0 * noise_rms(drive_v));
-        let mut direction = Vec::with_capacity(n);
-        let (mut anchor_v, mut anchor_idx) = (drive_v.first().copied().unwrap_or(0.0), 0);
-        let mut last = Direction::Rest;
-        // Before its first change a drive has been where it is for ever.
-        let mut has_moved = false;
-        for (k, &at_v) in drive_v.iter().enumerate() {
-            if (at_v - anchor_v).abs() > still_v {
-                last = if at_v > anchor_v { Direction::Rising } else { Direction::Falling };
-                (anchor_v, anchor_idx, has_moved) = (at_v, k, true);
-            }
-            let is_resting = !has_moved || (k - anchor_idx) as f64 * dt_s > REST_AFTER_S;
-            direction.push(if is_resting { Direction::Rest } else { last });
-        }
-        Self { rate_v_per_s, direction }
+/// Rate of the drive at sample `k`.
+pub(super) fn rate_v_per_s(trace: &Trace<'_>, k: usize) -> f64 {
+    let half = ((HALF_WIDTH_S / trace.dt_s).round() as usize).max(1);
+    let (before, after) = (k.saturating_sub(half), (k + half).min(trace.drive_v.len() - 1));
+    if after == before {
+        0.0
+    } else {
+        (trace.drive_v[after] - trace.drive_v[before]) / ((after - before) as f64 * trace.dt_s)
     }
 }
 
@@ -87,8 +78,8 @@ mod tests {
             }
         };
         let made = Made::new("step", 0.3, step, |_, _, _| 0.0);
-        let motion = DriveMotion::of(&made.trace());
-        let at = |t_s: f64| motion.direction[(t_s / DT_S) as usize];
+        let directions = directions(&made.trace());
+        let at = |t_s: f64| directions[(t_s / DT_S) as usize];
         assert_eq!([0.05, 0.11, 0.15, 0.21, 0.25].map(at), {
             use Direction::{Falling, Rest, Rising};
             [Rest, Rising, Rest, Falling, Rest]
@@ -98,9 +89,8 @@ mod tests {
     #[test]
     fn a_slow_sine_never_rests_and_its_rate_is_right() {
         let made = Made::new("sine", 2.0, super::super::tests::sine(1.0), |_, _, _| 0.0);
-        let motion = DriveMotion::of(&made.trace());
-        assert!(motion.direction[4000..].iter().all(|direction| *direction != Direction::Rest));
+        assert!(directions(&made.trace())[4000..].iter().all(|direction| *direction != Direction::Rest));
         // 60 V times 2 pi 1 Hz at the zero crossing after one period.
-        assert!((motion.rate_v_per_s[20_000] - 376.99).abs() < 0.05);
+        assert!((rate_v_per_s(&made.trace(), 20_000) - 376.99).abs() < 0.05);
     }
 }

@@ -23,7 +23,7 @@ pub use power::Power;
 pub use states::{AmplitudeBin, MapAxis, RateBin, StateMap};
 pub use words::strongest;
 
-use drive::DriveMotion;
+use drive::{Direction, directions};
 use power::{Part, powers};
 
 /// Segments per log. Chosen: a twentieth of a page's width is still a bar that one can point at.
@@ -42,12 +42,19 @@ pub struct Trace<'a> {
     pub drive_v: &'a [f64],
     /// Predicted displacement.
     pub displacement_m: &'a [f64],
-    /// Predicted velocity.
-    pub velocity_m_per_s: &'a [f64],
     /// Measured minus predicted displacement; NaN where it is not scored.
     pub residual_m: &'a [f64],
     /// Rms of the log's noise, taken as white.
     pub noise_m: f64,
+}
+
+impl Trace<'_> {
+    /// Predicted velocity at sample `k`, by central differences: a map of velocities needs no more, and ten minutes of them would cost
+    /// as much memory as a column of the log.
+    pub(crate) fn velocity_m_per_s(&self, k: usize) -> f64 {
+        let (before, after) = (k.saturating_sub(1), (k + 1).min(self.displacement_m.len() - 1));
+        (self.displacement_m[after] - self.displacement_m[before]) / ((after - before).max(1) as f64 * self.dt_s)
+    }
 }
 
 /// Where the gap lies. Micrometres, since this is what `diagnosis.json` and the page show.
@@ -121,11 +128,11 @@ pub struct Segment {
 pub fn locate(traces: &[Trace<'_>]) -> Where {
     for trace in traces {
         let n = trace.residual_m.len();
-        let lengths = [trace.drive_v.len(), trace.displacement_m.len(), trace.velocity_m_per_s.len()];
+        let lengths = [trace.drive_v.len(), trace.displacement_m.len()];
         assert!(lengths.iter().all(|&length| length == n), "{}: one value per sample in every column", trace.name);
     }
-    let motions: Vec<DriveMotion> = traces.iter().map(DriveMotion::of).collect();
-    let (amplitudes, rates) = states::amplitudes_and_rates(traces, &motions);
+    let directions: Vec<Vec<Direction>> = traces.iter().map(directions).collect();
+    let (amplitudes, rates) = states::amplitudes_and_rates(traces, &directions);
     let harmonics = harmonics::harmonics(traces);
     let per_log: Vec<Part> = traces.iter().map(|trace| part(trace, 0, trace.residual_m.len())).collect();
     let whole = per_log.iter().fold(Part::default(), |sum, part| sum.and(part));
@@ -141,8 +148,8 @@ pub fn locate(traces: &[Trace<'_>]) -> Where {
         amplitudes,
         rates,
         stages: Vec::new(),
-        states: states::maps(traces, &motions),
-        character: character::character(traces, &motions, &harmonics, &whole),
+        states: states::maps(traces),
+        character: character::character(traces, &directions, &harmonics, &whole),
         harmonics,
     }
 }
@@ -194,7 +201,6 @@ pub(crate) mod tests {
         pub name: &'static str,
         pub drive_v: Vec<f64>,
         pub displacement_m: Vec<f64>,
-        pub velocity_m_per_s: Vec<f64>,
         pub residual_m: Vec<f64>,
     }
 
@@ -217,13 +223,7 @@ pub(crate) mod tests {
             let residual_m = (0..n)
                 .map(|k| residual(time_s(k), drive_v[k], rate(k)) + NOISE_M * rng.sample::<f64, _>(StandardNormal))
                 .collect();
-            Self {
-                name,
-                displacement_m: drive_v.iter().map(|v| 1e-6 * v).collect(),
-                velocity_m_per_s: (0..n).map(|k| 1e-6 * rate(k)).collect(),
-                drive_v,
-                residual_m,
-            }
+            Self { name, displacement_m: drive_v.iter().map(|v| 1e-6 * v).collect(), drive_v, residual_m }
         }
 
         pub fn trace(&self) -> Trace<'_> {
@@ -232,7 +232,6 @@ pub(crate) mod tests {
                 dt_s: DT_S,
                 drive_v: &self.drive_v,
                 displacement_m: &self.displacement_m,
-                velocity_m_per_s: &self.velocity_m_per_s,
                 residual_m: &self.residual_m,
                 noise_m: NOISE_M,
             }

@@ -1,6 +1,6 @@
 //! The residual over the state of the plant: per amplitude and rate of the drive, and maps over pairs of states.
 
-use super::drive::{Direction, DriveMotion, range};
+use super::drive::{Direction, range, rate_v_per_s};
 use super::power::{Part, powers};
 use super::{Power, Trace};
 use serde::Serialize;
@@ -70,23 +70,27 @@ pub struct StateMap {
 }
 
 /// Shares per amplitude (equal bins up to the largest) and per rate (half decades, with rest in a bin of its own).
-pub(super) fn amplitudes_and_rates(traces: &[Trace<'_>], motions: &[DriveMotion]) -> (Vec<AmplitudeBin>, Vec<RateBin>) {
-    let largest_v = largest(traces.iter().flat_map(|trace| trace.drive_v));
-    let largest_v_per_s = largest(motions.iter().flat_map(|motion| &motion.rate_v_per_s));
+pub(super) fn amplitudes_and_rates(
+    traces: &[Trace<'_>],
+    directions: &[Vec<Direction>],
+) -> (Vec<AmplitudeBin>, Vec<RateBin>) {
+    let largest_v = largest(traces.iter().flat_map(|trace| trace.drive_v.iter().copied()));
+    let rates = traces.iter().flat_map(|trace| (0..trace.drive_v.len()).map(move |k| rate_v_per_s(trace, k)));
+    let largest_v_per_s = largest(rates);
     let mut per_amplitude = [Part::default(); AMPLITUDE_BINS];
     // Bin 0 is rest.
     let n_moving = RATE_DECADES * RATE_BINS_PER_DECADE;
     let mut per_rate = vec![Part::default(); 1 + n_moving];
-    for (trace, motion) in traces.iter().zip(motions) {
+    for (trace, directions) in traces.iter().zip(directions) {
         for k in scored(trace) {
             let energy_m2_s = trace.residual_m[k].powi(2) * trace.dt_s;
             let noise_m2_s = trace.noise_m.powi(2) * trace.dt_s;
             let amplitude_idx = (trace.drive_v[k].abs() / largest_v * AMPLITUDE_BINS as f64) as usize;
             per_amplitude[amplitude_idx.min(AMPLITUDE_BINS - 1)].add(energy_m2_s, noise_m2_s, trace.dt_s);
-            let rate_idx = if motion.direction[k] == Direction::Rest {
+            let rate_idx = if directions[k] == Direction::Rest {
                 0
             } else {
-                let decades = RATE_DECADES as f64 + (motion.rate_v_per_s[k].abs() / largest_v_per_s).log10();
+                let decades = RATE_DECADES as f64 + (rate_v_per_s(trace, k).abs() / largest_v_per_s).log10();
                 // The cast takes what is below the lowest edge, minus infinity included, to bin 0 of the moving ones.
                 1 + ((decades * RATE_BINS_PER_DECADE as f64) as usize).min(n_moving - 1)
             };
@@ -120,13 +124,13 @@ pub(super) fn amplitudes_and_rates(traces: &[Trace<'_>], motions: &[DriveMotion]
 }
 
 /// Maps over (drive, drive rate) and (displacement, velocity).
-pub(super) fn maps(traces: &[Trace<'_>], motions: &[DriveMotion]) -> Vec<StateMap> {
+pub(super) fn maps(traces: &[Trace<'_>]) -> Vec<StateMap> {
     let drive: Vec<&[f64]> = traces.iter().map(|trace| trace.drive_v).collect();
-    let rate: Vec<&[f64]> = motions.iter().map(|motion| motion.rate_v_per_s.as_slice()).collect();
     let displacement: Vec<&[f64]> = traces.iter().map(|trace| trace.displacement_m).collect();
-    let velocity: Vec<&[f64]> = traces.iter().map(|trace| trace.velocity_m_per_s).collect();
+    let drive_rate = |trace_idx: usize, k: usize| rate_v_per_s(&traces[trace_idx], k);
+    let velocity = |trace_idx: usize, k: usize| traces[trace_idx].velocity_m_per_s(k);
     vec![
-        map(traces, ("drive", "V", 1.0), &drive, ("drive rate", "V/s", 1.0), &rate),
+        map(traces, ("drive", "V", 1.0), &drive, ("drive rate", "V/s", 1.0), &drive_rate),
         map(traces, ("displacement", "µm", 1e6), &displacement, ("velocity", "µm/s", 1e6), &velocity),
     ]
 }
@@ -134,11 +138,17 @@ pub(super) fn maps(traces: &[Trace<'_>], motions: &[DriveMotion]) -> Vec<StateMa
 /// Quantity, unit, and units per SI unit.
 type Labelled = (&'static str, &'static str, f64);
 
-fn map(traces: &[Trace<'_>], x: Labelled, x_values: &[&[f64]], y: Labelled, y_values: &[&[f64]]) -> StateMap {
+fn map(
+    traces: &[Trace<'_>],
+    x: Labelled,
+    x_values: &[&[f64]],
+    y: Labelled,
+    y_value: &dyn Fn(usize, usize) -> f64,
+) -> StateMap {
     let (low, high) =
         x_values.iter().map(|column| range(column)).fold((0.0, 0.0), |a: (f64, f64), b| (a.0.min(b.0), a.1.max(b.1)));
     let high = if high > low { high } else { low + 1.0 };
-    let top = cover(y_values);
+    let top = cover(traces, y_value);
     let n = MAP_BINS as f64;
     let x_edge = |idx: usize| low + (high - low) * idx as f64 / n;
     // Edges at +-top s^2 for s = -1..1 in equal steps: finer towards zero, where slow motion is.
@@ -151,7 +161,7 @@ fn map(traces: &[Trace<'_>], x: Labelled, x_values: &[&[f64]], y: Labelled, y_va
     let mut squares_m2 = vec![0.0; count.len()];
     for (trace_idx, trace) in traces.iter().enumerate() {
         for k in scored(trace) {
-            let (x_at, y_at) = (x_values[trace_idx][k], y_values[trace_idx][k]);
+            let (x_at, y_at) = (x_values[trace_idx][k], y_value(trace_idx, k));
             // A negative position casts to bin 0, one beyond the last is held.
             let x_bin = (n * (x_at - low) / (high - low)) as usize;
             let s = (y_at.abs() / top).sqrt().copysign(y_at);
@@ -186,19 +196,20 @@ fn with_time(parts: &[Part]) -> impl Iterator<Item = (Power, f64)> {
 }
 
 /// Largest finite magnitude; 1 where all is zero, so that it can divide.
-fn largest<'a>(values: impl Iterator<Item = &'a f64>) -> f64 {
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
     let largest = values.filter(|value| value.is_finite()).fold(0.0, |most: f64, value| most.max(value.abs()));
     if largest > 0.0 { largest } else { 1.0 }
 }
 
 /// Magnitude below which 99.5 % of the values that are not zero lie; 1 where all is zero. From every 64th value of long logs.
-fn cover(columns: &[&[f64]]) -> f64 {
-    let n: usize = columns.iter().map(|column| column.len()).sum();
+fn cover(traces: &[Trace<'_>], value: &dyn Fn(usize, usize) -> f64) -> f64 {
+    let n: usize = traces.iter().map(|trace| trace.residual_m.len()).sum();
     let stride = (n / 200_000).max(1);
-    let mut magnitudes: Vec<f64> = columns
+    let mut magnitudes: Vec<f64> = traces
         .iter()
-        .flat_map(|column| column.iter().step_by(stride))
-        .map(|value| value.abs())
+        .enumerate()
+        .flat_map(|(idx, trace)| (0..trace.residual_m.len()).step_by(stride).map(move |k| (idx, k)))
+        .map(|(idx, k)| value(idx, k).abs())
         .filter(|&value| value > 0.0 && value.is_finite())
         .collect();
     if magnitudes.is_empty() {

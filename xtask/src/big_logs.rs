@@ -1,4 +1,5 @@
-//! Long task: a 2 GB log goes through `hysteron replay` in bounded memory, and no row is lost on the way.
+//! Long tasks: big logs in bounded memory. 2 GB go through `hysteron replay` and no row is lost on the way; ten minutes at 20 kHz are
+//! diagnosed.
 
 use crate::project::{Outcome, Project, watch};
 use anyhow::{Context, Result, bail};
@@ -6,12 +7,16 @@ use std::f64::consts::TAU;
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
 use std::time::Instant;
 
 const LOG_BYTES: u64 = 2_000_000_000;
 
-/// Address space given to the program: above its code, threads and buffers, far below the log. Chosen.
+/// Address space given to the replay: above its code, threads and buffers, far below the log. Chosen.
 const ADDRESS_LIMIT_BYTES: u64 = 600_000_000;
+
+/// What a diagnosis of ten minutes may hold at a time.
+const DIAGNOSIS_LIMIT_KB: u64 = 1_000_000;
 
 /// 20 kHz, the boards' default rate; in whole microseconds the time column is exact.
 const SAMPLE_US: u64 = 50;
@@ -20,11 +25,27 @@ const SAMPLE_US: u64 = 50;
 const PERIOD_SAMPLES: usize = 200;
 const AMPLITUDE_V: f64 = 60.0;
 
+/// A sine, minor loops and a sweep, which a plant's every part shows in.
+const TEN_MINUTES: &str = "sine:60V@10Hz,for=200s+minor-loops:60V@1Hz,for=200s+sweep:20V@1-400Hz/200s";
+
+/// What the bench of the ten minutes has and the nominal plant has not.
+const CREEP: &str = r#"
+[sensor]
+noise_um = { value = 0.02, source = "typical" }
+
+[[effect]]
+id = "creep"
+form = "kelvin-voigt"
+[effect.parameters]
+stiffness_ratio = { value = 0.02, source = "typical" }
+time_constant_s = { value = 1.0, source = "typical" }
+"#;
+
 /// Static gain alpha/k of the thesis' plant (table 2.1): rough numbers are enough, this task judges memory and not the fit.
 const GAIN_UM_PER_V: f64 = 1.884;
 
 /// Writes the log, replays it and checks exit code, memory and number of rows.
-pub fn run(project: &Project) -> Result<Outcome> {
+pub fn replay(project: &Project) -> Result<Outcome> {
     let program = project.release_binary()?;
     let folder = Folder::new(&project.root.join("target/long"))?;
     let log = folder.0.join("big.csv");
@@ -37,8 +58,47 @@ pub fn run(project: &Project) -> Result<Outcome> {
     command.arg(format!("--as={ADDRESS_LIMIT_BYTES}")).arg(program);
     command.args(["replay", "--plant", "models/thesis-phs.toml"]).arg(&log);
     command.arg("--out").arg(&prediction).arg("--json");
+    let (status, _) = watched("replay", &mut command)?;
+    if !status.success() {
+        bail!("{status}: replay of {n_rows} rows under {ADDRESS_LIMIT_BYTES} bytes of address space");
+    }
+    let n_predicted = count_rows(&prediction)?;
+    if n_predicted != n_rows {
+        bail!("{n_rows} rows in the log, {n_predicted} in the prediction");
+    }
+    Ok(Outcome::Passed)
+}
+
+/// Ten minutes of a bench that creeps, 12 million rows, diagnosed: the verdict is a matter of other tests.
+pub fn diagnose(project: &Project) -> Result<Outcome> {
+    let program = project.release_binary()?;
+    let folder = Folder::new(&project.root.join("target/long-diagnosis"))?;
+    let nominal = project.root.join("models/thesis-phs.toml");
+    let [bench, log, out] = ["bench.toml", "log.csv", "diagnosis"].map(|name| folder.0.join(name));
+    let plant = fs::read_to_string(&nominal).with_context(|| format!("reading {}", nominal.display()))?;
+    fs::write(&bench, format!("{plant}{CREEP}")).with_context(|| format!("writing {}", bench.display()))?;
+    let mut simulate = Command::new(&program);
+    simulate.args(["simulate", "--rate", "20000", "--no-page", "--command", TEN_MINUTES, "--plant"]).arg(&bench);
+    let (status, _) = watched("simulate", simulate.arg("--out").arg(&log))?;
+    if !status.success() {
+        bail!("{status}: simulate of ten minutes");
+    }
+    let mut diagnose = Command::new(&program);
+    diagnose.arg("diagnose").arg("--plant").arg(&nominal).arg(&log).arg("--out").arg(&out);
+    let (status, peak_kb) = watched("diagnose", &mut diagnose)?;
+    if !status.success() {
+        bail!("{status}: diagnose of ten minutes");
+    }
+    if peak_kb > DIAGNOSIS_LIMIT_KB {
+        bail!("the diagnosis held {peak_kb} kB, more than {DIAGNOSIS_LIMIT_KB} kB");
+    }
+    Ok(Outcome::Passed)
+}
+
+/// Runs `command` and prints how long it took and the most memory it held, which it returns in kB.
+fn watched(what: &str, command: &mut Command) -> Result<(ExitStatus, u64)> {
     let started = Instant::now();
-    let mut child = command.spawn().context("starting prlimit (package util-linux)")?;
+    let mut child = command.spawn().with_context(|| format!("starting {}", command.get_program().display()))?;
     let status_file = PathBuf::from(format!("/proc/{}/status", child.id()));
     let mut peak_kb = 0;
     let status = watch(&mut child, |_| {
@@ -48,15 +108,8 @@ pub fn run(project: &Project) -> Result<Outcome> {
         }
         Ok(())
     })?;
-    println!("replay: {:.1} s, peak resident {:.1} MB", started.elapsed().as_secs_f64(), peak_kb as f64 / 1e3);
-    if !status.success() {
-        bail!("{status}: replay of {n_rows} rows under {ADDRESS_LIMIT_BYTES} bytes of address space");
-    }
-    let n_predicted = count_rows(&prediction)?;
-    if n_predicted != n_rows {
-        bail!("{n_rows} rows in the log, {n_predicted} in the prediction");
-    }
-    Ok(Outcome::Passed)
+    println!("{what}: {:.1} s, peak resident {:.1} MB", started.elapsed().as_secs_f64(), peak_kb as f64 / 1e3);
+    Ok((status, peak_kb))
 }
 
 /// A folder of our own that goes with us, whether or not the task passed: it holds gigabytes.
