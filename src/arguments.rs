@@ -342,7 +342,7 @@ pub struct DiagnoseCall {
   hysteron effects
   hysteron effects creep
 A model file carries an effect as [[effect]] with its id, its form and its
-parameters; simulate, replay and identify --plant take such a file.")]
+parameters; every command with --plant takes such a file.")]
 pub struct EffectsCall {
     /// Identifier of one effect; without it, all are listed
     pub id: Option<String>,

@@ -68,6 +68,11 @@ fn transfer_functions_and_bouc_wen_are_fitted_by_name() {
     let output = run(&folder, &format!("{} --order 2,0", fit("transfer-function")));
     succeeded(&output);
     assert!(stdout(&output).contains("2 poles, 0 zeros"), "{}", stdout(&output));
+    let output = run(&folder, &format!("{} --order 2,0 --json", fit("transfer-function")));
+    let found = json(&output);
+    assert_eq!(found["parameters"][0]["name"], "denominator_1");
+    assert!(found["parameters"][2]["sigma"].as_f64().is_some_and(|sigma| sigma > 0.0));
+    assert!(found["logs"][0]["fit_percent"].as_f64().is_some() && found["aic"].as_f64() < found["bic"].as_f64());
     let tf =
         Model::read(&folder.path("transfer-function.toml")).expect("a model").transfer_function.expect("of that kind");
     assert!((tf.denominator.value[1] / 2555.0 - 1.0).abs() < 1e-4, "{tf:?}");

@@ -1,6 +1,6 @@
 //! `hysteron identify --compare`: every kind of model on the same logs; and transfer functions alone.
 
-use super::identify::MOST_ROWS;
+use super::identify::{MOST_ROWS, log_json};
 use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
@@ -128,7 +128,14 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
     output::warn(&warnings);
     let percent = |e: &Estimate| e.logs.iter().map(|l| l.fit_percent).fold(f64::INFINITY, f64::min);
     if call.show.json {
+        let [aic, bic] = best.aic_bic();
         let json = serde_json::json!({
+            "parameters": best.coefficients().iter().map(|c| serde_json::json!({
+                "name": c.name, "value": c.value, "sigma": c.sigma,
+            })).collect::<Vec<_>>(),
+            "logs": best.logs.iter().map(log_json).collect::<Vec<_>>(),
+            "aic": aic,
+            "bic": bic,
             "numerator_m_per_V": best.tf.numerator,
             "denominator": best.tf.denominator,
             "fit_percent": percent(best),

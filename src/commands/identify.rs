@@ -124,28 +124,26 @@ fn json(fit: &Fit) -> serde_json::Value {
             })
         })
         .collect();
-    let logs: Vec<_> = fit
-        .logs
-        .iter()
-        .map(|l| {
-            serde_json::json!({
-                "log": l.name,
-                "fit_percent": l.fit_percent,
-                "rms_um": l.rms_m * 1e6,
-                "noise_um": l.noise_m * 1e6,
-                "offset_um": l.offset_m * 1e6,
-            })
-        })
-        .collect();
     serde_json::json!({
         "parameters": parameters,
-        "logs": logs,
+        "logs": fit.logs.iter().map(log_json).collect::<Vec<_>>(),
         "fit_percent": fit.logs.iter().map(|l| l.fit_percent).fold(f64::INFINITY, f64::min),
         "aic": fit.aic,
         "bic": fit.bic,
         "hysterons": fit.model.actuator.hysterons.len(),
         "simulations": fit.simulations,
         "seed": fit.seed,
+    })
+}
+
+/// How well a log is fitted, in `--json` of every kind of model.
+pub(super) fn log_json(log: &LogFit) -> serde_json::Value {
+    serde_json::json!({
+        "log": log.name,
+        "fit_percent": log.fit_percent,
+        "rms_um": log.rms_m * 1e6,
+        "noise_um": log.noise_m * 1e6,
+        "offset_um": log.offset_m * 1e6,
     })
 }
 

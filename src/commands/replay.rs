@@ -27,9 +27,9 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     warnings.extend(log::warnings(&head));
     let run_in_s = call.start.run_in.or(head.meta.run_in_s).unwrap_or(0.0);
     let run_in = (run_in_s / head.dt_s).round() as usize;
-    let (start, _) = match (call.start.initial, model.stated_start()) {
-        (Initial::Relaxed, _) => (Start::relaxed(&chain), 0.0),
-        (initial, _) => fit_start(&chain, &head, initial, run_in, call.free_offset)?,
+    let (start, _) = match call.start.initial {
+        Initial::Relaxed => (Start::relaxed(&chain), 0.0),
+        initial => fit_start(&chain, &head, initial, run_in, call.free_offset)?,
     };
     let spinner = output::spinner();
     let mut replay = Replay { call, chain: &chain, head: &head, start: &start, run_in, spinner: &spinner };

@@ -8,7 +8,7 @@ use super::gap::{Gap, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation, has_gap, refitted};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
-use super::random::{CONFIDENCE, Random, beyond_stated, by_scatter, held_commands, lost};
+use super::random::{Random, beyond_stated, held_commands, lost, size_of_scatter};
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
@@ -26,6 +26,8 @@ pub const SCHEMA: &str = "hysteron-diagnosis-1";
 /// Noise that makes less than this share of the excess is no second effect, unless the first leaves less than this of the gap.
 const SECOND_SHARE: f64 = 0.15;
 const WELL: f64 = 0.1;
+/// What of `no_gap` becomes `unknown` where held-out rows show what no fitted row does.
+const SURPRISED: f64 = 0.97;
 /// Rows of a log that are kept for the page; beyond, every second one is dropped, and so on.
 const PAGE_ROWS: usize = 400_000;
 
@@ -111,6 +113,8 @@ pub struct Evidence {
     pub logs: Vec<LogEvidence>,
     /// Explanations that were fitted and not named, most probable first.
     pub rivals: Vec<Rival>,
+    /// Fraction of the gap that the named one leaves, as amplitude.
+    pub named_left: Option<f64>,
     /// The quantities of `changed`.
     pub changed: Vec<Quantity>,
 }
@@ -128,9 +132,9 @@ pub struct LogEvidence {
     pub from_s: f64,
     /// Rows at the start that are not scored.
     pub run_in: usize,
-    /// Command, volts.
-    pub command_v: Vec<f64>,
-    /// Readings in metres, and the plants' predictions.
+    /// The drive's monitor where the log has one, else the command; volts.
+    pub drive_v: Vec<f64>,
+    /// Readings, metres; beside them what the plants predict.
     pub measured_m: Vec<f64>,
     /// Nominal plant.
     pub nominal_m: Vec<f64>,
@@ -176,10 +180,10 @@ pub(super) fn answer(
     let bench = search.bench;
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
     say("scoring", 0.9);
-    let (mut verdict, explanation) = named(search, course);
+    let (mut verdict, explanation) = named(search, course, &without);
     let mut random: Vec<Random> = explanation
         .and_then(|e| e.scatter.as_ref())
-        .map(|(effect, form, scattered)| by_scatter(*effect, form, scattered))
+        .map(|(effect, form, scattered)| size_of_scatter(*effect, form, scattered))
         .into_iter()
         .collect();
     // What no fit was shown: rows that were lost, and noise beyond what is stated. A fit that leaves much hides noise.
@@ -217,7 +221,7 @@ pub(super) fn answer(
         });
         if verdict == Verdict::NoGap && !is_within {
             verdict = Verdict::Unknown;
-            shares_of_nothing = [(1.0 - CONFIDENCE) * course.no_gap, course.unknown + CONFIDENCE * course.no_gap];
+            shares_of_nothing = [(1.0 - SURPRISED) * course.no_gap, course.unknown + SURPRISED * course.no_gap];
         }
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
@@ -225,7 +229,7 @@ pub(super) fn answer(
     let ranking = ranking(course, shares_of_nothing, explanation, &shares, beyond.as_ref());
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
-    let classes = explanation.map(|top| classes(search, course, top)).unwrap_or_default();
+    let classes = explanation.map(|top| classes(search, course, top, &without)).unwrap_or_default();
 
     say("locating", 0.94);
     let logs = logs(benches, &three);
@@ -238,7 +242,7 @@ pub(super) fn answer(
     let unexplained = unexplained(benches, &augmented, &location_after);
     say("choosing the next experiment", 0.96);
     let open = open(&effects, &set90, &classes);
-    let (next_experiment, no_experiment_reason) = match next(bench, course, explanation, &open) {
+    let (next_experiment, no_experiment_reason) = match next(bench, course, verdict, explanation, &open) {
         Ok(next) => (Some(next), None),
         Err(reason) => (None, Some(reason)),
     };
@@ -290,6 +294,7 @@ pub(super) fn answer(
             location_after: Some(location_after),
             logs,
             rivals: rivals(course, explanation),
+            named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
         },
     }
@@ -365,24 +370,35 @@ fn open(effects: &[String], set90: &[String], classes: &[Class]) -> Vec<String> 
     if open.is_empty() && set90.len() > effects.len().max(1) {
         open.extend(set90.iter().filter(|id| !["no_gap", "unknown"].contains(&id.as_str())).cloned());
     }
-    open.dedup();
-    open
+    open.iter().fold(Vec::new(), |mut once, id| {
+        if !once.contains(id) {
+            once.push(id.clone());
+        }
+        once
+    })
 }
 
 fn next(
     bench: &Bench<'_>,
     course: &Course,
+    verdict: Verdict,
     explanation: Option<&Explanation>,
     open: &[String],
 ) -> Result<NextExperiment, String> {
-    match (explanation, open) {
-        (Some(_), []) => Err("the named effects are certain on these logs: nothing is left to split".to_owned()),
-        (None, [] | [_]) if course.no_gap > course.unknown => Err("there is no gap to explain".to_owned()),
-        (None, [] | [_]) => {
-            Err("no entry of the registry explains the gap, so no experiment is known that would split them".to_owned())
+    let reason = match (verdict, explanation, open) {
+        (Verdict::Explained, _, []) | (Verdict::Explained, None, [_]) => {
+            "the named effects are certain on these logs: nothing is left to split"
         }
-        _ => next_experiment(bench, course, explanation, open),
-    }
+        (Verdict::NoGap, _, [] | [_]) => "there is no gap to explain",
+        (Verdict::Unknown, _, [] | [_]) if course.no_gap > course.unknown => {
+            "rows that were not fitted show what no fitted row does: fit a log of their kind"
+        }
+        (Verdict::Unknown, _, [] | [_]) => {
+            "no entry of the registry explains the gap, so no experiment is known that would split them"
+        }
+        _ => return next_experiment(bench, course, explanation, open),
+    };
+    Err(reason.to_owned())
 }
 
 /// The most promising lead of each stage, stages in the order of the signal.
@@ -464,7 +480,7 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
             dt_s: stride as f64 * log.dt_s,
             from_s: log.time_start_s,
             run_in: record.run_in / stride,
-            command_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
+            drive_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
             measured_m: thin(&log.displacement_m),
             nominal_m: thin(&three.nominal[index]),
             refit_m: thin(&three.refit[index]),

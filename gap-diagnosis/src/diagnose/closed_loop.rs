@@ -2,7 +2,7 @@
 
 use super::DiagnoseError;
 use plant_sim::controller::Controller;
-use plant_sim::experiment::{Program, Setup, closed_loop};
+use plant_sim::experiment::{Program, Setup, closed_loop_inverse};
 use plant_sim::log::Log;
 use plant_sim::metrics::{Task, loop_metrics};
 use plant_sim::model::Model;
@@ -71,11 +71,13 @@ pub(super) fn predict(
     let program = wanted.program(log)?;
     let samples = program.samples().unwrap_or((USUAL_S * rate_hz) as usize);
     let settings = wanted.controller.settings(rate_hz);
+    let inverse = wanted.controller.inverse(rate_hz, log.meta.latency_s);
     let error_um = |model: &Model| {
         let chain = model.chain();
         let start = Start::relaxed(&chain);
         let setup = Setup { chain: &chain, start: &start, rate_hz, samples, latency_s: log.meta.latency_s, seed: 0 };
-        let recording = closed_loop(&setup, &settings, &program, &|_| {}).map_err(|e| refused(&e))?;
+        let recording =
+            closed_loop_inverse(&setup, &settings, inverse.as_ref(), &program, &|_| {}).map_err(|e| refused(&e))?;
         let (reference_m, displacement_m) = (&recording.reference_m, &recording.displacement_m);
         let metrics = loop_metrics(Task::Other, recording.dt_s, Some(reference_m), displacement_m);
         metrics.rms_error_um.ok_or_else(|| refused(&"the reference is shorter than a sample"))

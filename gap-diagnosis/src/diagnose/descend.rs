@@ -197,7 +197,7 @@ fn bounded_step(
     None
 }
 
-/// Covariance of all coordinates at the noise, priors included.
+/// Covariance of all coordinates under `weights`, one over the variance of a row of each log; priors included.
 pub fn covariance(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found, weights: &[f64]) -> Option<DMatrix<f64>> {
     let (mut information, mut gradient) = found.normal.assemble(weights);
     add_priors(&bench.rules(hypothesis), &found.z, &mut information, &mut gradient);

@@ -113,6 +113,8 @@ struct Walk<'a> {
     echo_m: Vec<f64>,
     ahead: usize,
     products_m2: Vec<f64>,
+    /// First row in which a loss counts.
+    first: usize,
     noise2: f64,
     /// Height of each stretch that was found, as a share of what it would be.
     shares: Vec<f64>,
@@ -161,7 +163,8 @@ impl<'a> Walk<'a> {
         let echo_m = without_slow(&echo_m, ahead);
         let shifted = |by: usize| echo_m.iter().skip(by).zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
         let products_m2 = (0..IN_A_ROW).map(shifted).collect();
-        let left_m = without_slow(&residual_m, ahead);
+        let mut left_m = without_slow(&residual_m, ahead);
+        left_m[..record.run_in].fill(0.0);
         Some(Self {
             log,
             applied_v: log.command_v.clone(),
@@ -170,6 +173,7 @@ impl<'a> Walk<'a> {
             echo_m,
             ahead,
             products_m2,
+            first: record.run_in.max(1),
             noise2: record.noise_m.powi(2),
             shares: Vec::new(),
             visible: 0,
@@ -179,7 +183,7 @@ impl<'a> Walk<'a> {
 
     /// Sum of squares beyond the noise.
     fn power_m2(&self) -> f64 {
-        (self.left_m.iter().map(|v| v * v).sum::<f64>() - self.noise2 * self.log.len() as f64).max(0.0)
+        (self.left_m.iter().map(|v| v * v).sum::<f64>() - self.noise2 * (self.log.len() - self.first) as f64).max(0.0)
     }
 
     fn searched(mut self) -> Walked {
@@ -189,11 +193,11 @@ impl<'a> Walk<'a> {
             let found = self.shares.len();
             let scatter_m = TO_SIGMA * median_magnitude(self.left_m.clone());
             let unit2 = self.noise2.max(scatter_m * scatter_m);
-            for from in (1..rows).step_by(BLOCK) {
+            for from in (self.first..rows).step_by(BLOCK) {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
             }
             let alone = |k: usize| (self.applied_v[k - 1] - self.log.command_v[k]).powi(2) * self.products_m2[0];
-            self.visible = (1..rows).filter(|&k| alone(k) > CERTAIN * unit2).count();
+            self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).count();
             if self.shares.len() == found {
                 break;
             }

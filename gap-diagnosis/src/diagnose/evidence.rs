@@ -2,8 +2,8 @@
 //!
 //! With 200,000 samples a likelihood under white noise is always certain, and certain of the wrong thing as soon as the true effect has
 //! another form than the registry's. So a fit is judged by what it leaves: the unexplained fraction of the gap, on a logarithmic scale
-//! with a floor where the noise of the comparison begins, and by the prior cost that it needs. The constants are those at which
-//! made cases with forms of their own come out calibrated (see `blind-truth`).
+//! with a floor where the noise of the comparison begins, and by the prior cost that it needs. The constants were
+//! set on made cases with forms of their own (`blind-truth`); how far the probabilities can be relied upon, `docs/blind-check.md` says.
 
 /// Weight of the logarithm of the unexplained fraction.
 pub const SHARPNESS: f64 = 3.0;

@@ -316,6 +316,7 @@ fn distinct(leads: &[Lead]) -> Vec<&Lead> {
 fn early_share(bench: &Bench<'_>, remainders: &[Remainder]) -> f64 {
     let (mut early, mut all) = (0.0, 0.0);
     for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
+        let residual_m = &residual_m[record.run_in..];
         let noise2 = record.noise_m * record.noise_m;
         let tenth = residual_m.len() / 10;
         early += residual_m[..tenth].iter().map(|r| r * r - noise2).sum::<f64>() / noise2;

@@ -6,8 +6,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
-/// Length of the blocks of the bootstrap, and of the cells that they are made of, seconds. Blocks outlast the plant's ringing and most
-/// of what one step leaves; cells only save time.
+/// Length of the bootstrap's blocks in seconds, and the cells that a block is made of. Blocks outlast the plant's ringing and most of what
+/// one step leaves; cells only save time.
 const BLOCK_S: f64 = 0.05;
 const CELLS: usize = 10;
 /// Resamples.

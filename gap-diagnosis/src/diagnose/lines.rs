@@ -33,9 +33,10 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let mut total = vec![0.0; BINS];
     let mut planner = RealFftPlanner::<f64>::new();
     let stretches = bench.records.iter().zip(remainders).flat_map(|(record, remainder)| {
-        let rows = remainder.residual_m.len();
+        let residual_m = &remainder.residual_m[record.run_in..];
+        let rows = residual_m.len();
         let count = rows.div_ceil(MOST_ROWS).max(1);
-        remainder.residual_m.chunks(rows.div_ceil(count).max(1)).map(move |residual_m| (record, residual_m))
+        residual_m.chunks(rows.div_ceil(count).max(1)).map(move |residual_m| (record, residual_m))
     });
     for (record, residual_m) in stretches {
         let n = residual_m.len();
@@ -88,6 +89,7 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
 pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
+        let residual_m = &residual_m[record.run_in..];
         let density = power_density(residual_m, record.log.dt_s, RESONANCE_SEGMENT.min(residual_m.len() / 2));
         let power = &density.density_m2_per_hz;
         for bin in 2..power.len().saturating_sub(2) {
@@ -112,6 +114,7 @@ pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
 fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64) -> f64 {
     let power = |hz: f64, stretch_s: f64| -> f64 {
         let of_log = |(record, Remainder { residual_m, .. }): (&Record<'_>, &Remainder)| {
+            let residual_m = &residual_m[record.run_in..];
             let turn = Complex::from_polar(1.0, -std::f64::consts::TAU * hz * record.log.dt_s);
             let rows = ((stretch_s / record.log.dt_s) as usize).clamp(1, residual_m.len());
             let of_stretch = |stretch_m: &[f64]| {

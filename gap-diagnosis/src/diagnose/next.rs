@@ -1,7 +1,7 @@
 //! The experiment that best splits what these logs leave open, within the rig's limits.
 //!
-//! Each rival plays each SPEC with the numbers of its own fit. What counts is how far the two nearest rivals then are apart, offsets
-//! taken out, in units of the noise. Fits that agree on these logs and disagree there are told apart there.
+//! Each rival plays each SPEC with the numbers of its own fit. What counts is how many pairs of rivals are then set apart by the noise or
+//! more, offsets taken out, and next how far the nearest of those are. Fits that agree on these logs and disagree there are told apart there.
 
 use super::bench::Bench;
 use super::judge::{Course, Explanation};
@@ -109,8 +109,8 @@ pub(super) fn next_experiment(
                 rate_hz,
                 splits,
                 reason: format!(
-                    "with the numbers that fit these logs, the nearest two of them are {least:.1} times the noise apart there (rms, \
-                     offsets taken out)."
+                    "with the numbers that fit these logs, the nearest pair that it sets apart is {least:.1} times the noise apart there \
+                     (rms, offsets taken out)."
                 ),
             })
         }

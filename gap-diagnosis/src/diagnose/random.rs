@@ -87,7 +87,7 @@ pub(super) fn held_commands(applied: &Applied) -> Option<Random> {
 }
 
 /// What was read from scatter, with the power that it accounts for.
-pub(super) fn by_scatter(effect: &'static dyn Effect, form: &'static Form, scattered: &Scattered) -> Random {
+pub(super) fn size_of_scatter(effect: &'static dyn Effect, form: &'static Form, scattered: &Scattered) -> Random {
     let excess_m = scattered.excess_m2.max(0.0).sqrt();
     let (value, sigma, power_m2) = match effect.id() {
         "sampling_jitter" => (scattered.jitter_s, scattered.jitter_sigma_s, scattered.jitter_m2),

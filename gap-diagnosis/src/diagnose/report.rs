@@ -18,6 +18,8 @@ const MOST_RESPONSES: usize = 2;
 const BENT: f64 = 40.0;
 /// .. and one that leaves more than this doesn't explain.
 const LEAVES: f64 = 0.1;
+/// So many times what another leaves is more.
+const MORE: f64 = 1.01;
 
 impl Diagnosis {
     /// The verdict in one sentence.
@@ -189,10 +191,10 @@ impl Diagnosis {
     }
 
     fn rival(&self, rival: &Rival) -> RivalView {
-        let in_class = self
-            .classes
-            .iter()
-            .any(|class| rival.effects.iter().all(|id| class.members.contains(id) || self.effects.contains(id)));
+        let is_new = rival.effects.iter().any(|id| !self.effects.contains(id));
+        let is_open = |id: &String, members: &[String]| members.contains(id) || self.effects.contains(id);
+        let in_class =
+            is_new && self.classes.iter().any(|class| rival.effects.iter().all(|id| is_open(id, &class.members)));
         let reason = if in_class {
             "Not rejected: these logs cannot tell it apart.".to_owned()
         } else if rival.left > LEAVES {
@@ -202,10 +204,19 @@ impl Diagnosis {
                 "Needs the nominal numbers far from where they are known to be (chi-square {:.0}).",
                 rival.prior_cost
             )
-        } else if rival.effects.len() > self.effects.len() {
-            "Explains no more, with one effect more.".to_owned()
         } else {
-            format!("Leaves {:.1} % of the gap, more than the one named.", 100.0 * rival.left)
+            let left = format!("Leaves {:.1} % of the gap", 100.0 * rival.left);
+            match self.evidence.named_left {
+                None => format!("{left}, by numbers that are not believed."),
+                Some(named) if rival.left > MORE * named => format!("{left}, more than the one named."),
+                Some(_) if rival.effects.len() > self.effects.len() => {
+                    "Explains no more, with one effect more.".to_owned()
+                }
+                Some(_) => format!(
+                    "{left}, as the one named does, with more parameters or larger shifts of the nominal numbers (chi-square {:.0}).",
+                    rival.prior_cost
+                ),
+            }
         };
         RivalView {
             effect: rival.effects.join(" + "),
@@ -225,7 +236,7 @@ fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
         name: log.name.clone(),
         is_held_out: log.is_held_out,
         time_s: (0..log.measured_m.len()).map(|k| log.from_s + k as f64 * log.dt_s).collect(),
-        drive_v: log.command_v.clone(),
+        drive_v: log.drive_v.clone(),
         measured_um,
         nominal_um: um(&log.nominal_m),
         refit_um: um(&log.refit_m),
@@ -273,7 +284,7 @@ fn view(title: String, caption: String, responses: [(&[f64], &[f64]); 3]) -> Res
 
 fn by_multisine(log: &LogEvidence) -> Option<ResponseView> {
     let of = |y: &[f64]| {
-        best_linear(&log.command_v, y, log.dt_s, log.period_samples).filter(|r| r.frequency_hz.len() >= LEAST_LINES)
+        best_linear(&log.drive_v, y, log.dt_s, log.period_samples).filter(|r| r.frequency_hz.len() >= LEAST_LINES)
     };
     let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
     let caption = format!(
@@ -291,7 +302,7 @@ fn by_multisine(log: &LogEvidence) -> Option<ResponseView> {
 
 fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
     let segment = segment_samples(log.measured_m.len());
-    let of = |y: &[f64]| frf(&log.command_v, y, log.dt_s, segment);
+    let of = |y: &[f64]| frf(&log.drive_v, y, log.dt_s, segment);
     let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
     let caption = "By Welch's method; where the coherence is low, the drive holds too little power.".to_owned();
     let responses = all.each_ref().map(|of| (&of.gain_m_per_v[..], &of.phase_rad[..]));

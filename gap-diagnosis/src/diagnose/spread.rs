@@ -13,7 +13,7 @@ const MOST_NEIGHBOURS: usize = 1_000_000;
 /// How much of the excess power each kind of scatter accounts for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Scattered {
-    /// Power beyond the noise, metres squared, over all fitted rows.
+    /// Power beyond the noise, metres squared, over all rows after the run-ins.
     pub excess_m2: f64,
     /// Rms error of the sampling instants in seconds, its standard error, and the power it accounts for.
     pub jitter_s: f64,

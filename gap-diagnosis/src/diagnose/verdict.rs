@@ -4,7 +4,7 @@ use super::gap::ShareOf;
 use super::judge::{Course, Explanation};
 use super::random::{CONFIDENCE, Random};
 use super::search::Search;
-use super::symmetry::freed;
+use super::symmetry::{Freed, freed};
 use plant_sim::effects::REGISTRY;
 use serde::Serialize;
 
@@ -55,10 +55,14 @@ pub struct Class {
 ///
 /// Explanations that these logs can't tell apart count together, and so do those that share an effect: the truth doesn't become less
 /// probable by having a twin, nor by having company.
-pub(super) fn named<'c>(search: &Search<'_>, course: &'c Course) -> (Verdict, Option<&'c Explanation>) {
+pub(super) fn named<'c>(
+    search: &Search<'_>,
+    course: &'c Course,
+    without: &[&str],
+) -> (Verdict, Option<&'c Explanation>) {
     let otherwise = if course.no_gap > course.unknown { Verdict::NoGap } else { Verdict::Unknown };
     let Some(top) = course.explanations.first() else { return (otherwise, None) };
-    let classes = classes(search, course, top);
+    let classes = classes(search, course, top, without);
     let with = course.explanations.iter().skip(1).filter(|other| {
         let shares = other.judged.ids.iter().any(|id| top.judged.ids.contains(id));
         shares
@@ -131,14 +135,15 @@ pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
     set
 }
 
-/// Entries that these logs can't tell from a member of `top`.
-pub(super) fn classes(search: &Search<'_>, course: &Course, top: &Explanation) -> Vec<Class> {
+/// Entries that these logs can't tell from a member of `top`; those that were struck out are none.
+pub(super) fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&str]) -> Vec<Class> {
     let mut classes = Vec::new();
     if let Some(best) = &top.freed {
         let rivals = freed(search, &top.candidate);
+        let is_rival = |rival: &&Freed| rival.cost - best.cost < SAME_COST && !without.contains(&rival.effect);
         let mut members = vec![best.effect];
         let mut most = 0f64;
-        for rival in rivals.iter().filter(|rival| rival.cost - best.cost < SAME_COST) {
+        for rival in rivals.iter().filter(is_rival) {
             if !members.contains(&rival.effect) {
                 members.push(rival.effect);
                 most = most.max(rival.cost - best.cost);

@@ -49,6 +49,20 @@ pub struct Estimate {
     pub independent_samples: f64,
     /// Coefficients, and an offset for each log.
     pub coordinates: usize,
+    /// Relative standard deviations of the denominator's coefficients but the first, then of the numerator's; infinite where these logs
+    /// don't determine them all.
+    pub relative_sigma: Vec<f64>,
+}
+
+/// A coefficient of a transfer function.
+#[derive(Clone, Debug)]
+pub struct Coefficient {
+    /// `denominator_1`: its highest power's is 1 and not estimated; `numerator_0`: of its highest power.
+    pub name: String,
+    /// Value, SI.
+    pub value: f64,
+    /// Its standard deviation, SI.
+    pub sigma: f64,
 }
 
 impl Estimate {
@@ -57,6 +71,28 @@ impl Estimate {
         let names: Vec<&str> = self.logs.iter().map(|log| log.name.as_str()).collect();
         let name = format!("transfer function, {} poles and {} zeros", self.order, self.zeros);
         Model::of_transfer_function(&name, &self.tf, &format!("tfest on {}", names.join(", ")))
+    }
+
+    /// What was estimated, denominator first.
+    pub fn coefficients(&self) -> Vec<Coefficient> {
+        let name = |of: &str, from: usize, values: &[f64]| -> Vec<(String, f64)> {
+            values.iter().enumerate().map(|(k, value)| (format!("{of}_{}", k + from), *value)).collect()
+        };
+        let mut named = name("denominator", 1, &self.tf.denominator[1..]);
+        named.extend(name("numerator", 0, &self.tf.numerator));
+        let with = |((name, value), relative): ((String, f64), &f64)| Coefficient {
+            name,
+            value,
+            sigma: relative * value.abs(),
+        };
+        named.into_iter().zip(&self.relative_sigma).map(with).collect()
+    }
+
+    /// Akaike's and the Bayesian criterion of all scored rows, as if these were independent; less is better.
+    pub fn aic_bic(&self) -> [f64; 2] {
+        let rows: f64 = self.logs.iter().map(|log| (log.predicted_m.len() - log.run_in_rows) as f64).sum();
+        let count = self.coordinates as f64;
+        [2.0 * count, count * rows.ln()].map(|penalty| rows * 2.0 * self.rms_m.ln() + penalty)
     }
 
     /// The Bayesian criterion with `samples` independent samples; less is better.
@@ -108,7 +144,9 @@ fn estimate(logs: &[Log], options: &Options, order: usize, zeros: usize) -> Opti
     let residuals: Vec<Vec<f64>> =
         records.iter().zip(&logs).map(|(record, fit)| record.residual(&fit.predicted_m)).collect();
     let independent = residuals.iter().map(|r| r.len() as f64 / samples_per_independent(r)).sum();
+    let relative_sigma = fit.relative_sigma(independent).unwrap_or_else(|| vec![f64::INFINITY; order + zeros + 1]);
     Some(Estimate {
+        relative_sigma,
         rms_m: rms(residuals.iter().flatten().copied()),
         independent_samples: independent,
         coordinates: order + zeros + 1 + logs.len(),
@@ -332,6 +370,15 @@ impl<'a> Fit<'a> {
         let tf = theta.transfer_function();
         // An estimate that grows can't be compared; the search steps back.
         tf.poles().iter().all(|pole| pole.re < 0.0).then_some(tf)
+    }
+
+    /// Relative standard deviations of the coefficients, where the residual counts as so many `independent` rows.
+    fn relative_sigma(&self, independent: f64) -> Option<Vec<f64>> {
+        let jacobian = self.jacobian()?;
+        let covariance = jacobian.tr_mul(&jacobian).try_inverse()?;
+        let variance = self.residuals.norm_squared() / independent;
+        let of = |j: usize| (covariance[(j, j)].max(0.0) * variance).sqrt() / self.theta[j].abs();
+        Some((0..self.theta.len()).map(of).collect())
     }
 
     fn evaluate(&self, x: &DVector<f64>) -> Option<DVector<f64>> {

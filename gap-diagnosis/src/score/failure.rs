@@ -11,7 +11,7 @@ pub enum Cause {
     Indistinguishable,
     /// After the refit less than the noise is left of the effect.
     BelowNoise,
-    /// The effect occurs in a form that is in no textbook, nor in the registry.
+    /// The effect occurs in a form that the develop split does not show.
     WrongForm,
     /// None of these: the diagnosis is at fault.
     Defect,
