@@ -128,7 +128,7 @@ impl Drive {
     }
 
     /// Whether the output changes between two commands, other than by a delay.
-    pub(super) fn has_memory(&self) -> bool {
+    pub(crate) fn has_memory(&self) -> bool {
         self.lag.is_some() || self.slew_v_per_s.min(self.slew_down_v_per_s).is_finite()
     }
 }
