@@ -44,6 +44,8 @@ const HARDLY_HALF: f64 = 0.75;
 /// The second must promise this share of the power that was left, and then take this much of it.
 const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
+/// .. or this much, before either is tried in its other forms.
+const PAIR_NEARLY_TAKES: f64 = 0.3;
 /// Single fits that leave less than this many times as much as the first may stand in its place beside the second; so many at most.
 const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
@@ -75,7 +77,7 @@ impl Fits<'_> {
             return fits;
         }
         if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi > NEAR_NOISE) {
-            fits.extend(self.pairs(&fits));
+            fits.extend(self.pairs(&fits, leads));
         }
         fits
     }
@@ -85,7 +87,7 @@ impl Fits<'_> {
     }
 
     /// A second effect beside each of the two best.
-    fn pairs(&self, singles: &[Candidate]) -> Vec<Candidate> {
+    fn pairs(&self, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
         let is_as_good = |fit: &&Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
         let most = if self.left(&singles[0]) > HALF { 1 } else { 2 };
@@ -93,23 +95,56 @@ impl Fits<'_> {
             (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
             let remainders = self.search.play(first);
             let seconds = self.search.screen(first, &remainders, &lines(self.search.bench, &remainders), self.without);
+            let taken = |pair: &Candidate| 1.0 - pair.left(first, 1.0);
+            let mut beside: Vec<Candidate> = Vec::new();
             for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE) {
                 let pair = self.search.extend(first, lead, false);
-                let is_found = self.left(&pair) < FOUND || pair.chi < AT_NOISE;
-                if is_found {
+                if self.is_found(&pair) {
                     pairs.extend(self.twins(singles, first, &seconds, lead));
                     pairs.push(self.least(pair));
                     return pairs;
                 }
-                if 1.0 - pair.left(first, 1.0) > PAIR_TAKES {
-                    pairs.push(pair);
+                beside.push(pair);
+            }
+            let nearest = beside.iter_mut().min_by(|a, b| a.chi.total_cmp(&b.chi));
+            if let Some(nearest) = nearest.filter(|pair| taken(pair) > PAIR_NEARLY_TAKES) {
+                self.change_forms(nearest, leads, &seconds);
+                if self.is_found(nearest) {
+                    pairs.push(self.least(nearest.clone()));
+                    return pairs;
                 }
             }
+            pairs.extend(beside.into_iter().filter(|pair| taken(pair) > PAIR_TAKES));
         }
         pairs
     }
 
-    /// What a pair of `first` with `lead` may be taken for: either of them with what alone was as good as the other.
+    fn is_found(&self, fit: &Candidate) -> bool {
+        self.left(fit) < FOUND || fit.chi < AT_NOISE
+    }
+
+    /// Either effect of a pair in its other forms: the first was chosen while it stood for both.
+    fn change_forms(&self, pair: &mut Candidate, firsts: &[Lead], seconds: &[Lead]) {
+        for (place, leads) in [seconds, firsts].into_iter().enumerate() {
+            let Some(own) = pair.hypothesis.installed.iter().rev().nth(place).map(|i| (i.effect.id(), i.form.name))
+            else {
+                continue;
+            };
+            let best = leads.iter().find(|lead| lead.effect.id() == own.0).map_or(0.0, |lead| lead.gain);
+            let mut all = pair.clone();
+            for other in others(own.0, own.1, leads).filter(|other| other.gain > AS_PROMISING * best) {
+                if self.is_found(&all) {
+                    break;
+                }
+                if let Some(changed) = self.search.in_form(pair, other.effect, other.form, &other.values) {
+                    all = better(all, changed);
+                }
+            }
+            *pair = all;
+        }
+    }
+
+    /// What a pair of `first` with `lead` may be taken for: either of them with what was as good as the other.
     fn twins(&self, singles: &[Candidate], first: &Candidate, seconds: &[Lead], lead: &Lead) -> Vec<Candidate> {
         let own = first.hypothesis.ids();
         let others = singles.iter().filter(|other| {
@@ -119,11 +154,11 @@ impl Fits<'_> {
         let mut twins: Vec<Candidate> =
             others.take(MOST_TWINS).map(|other| self.search.extend(other, lead, false)).collect();
         let is_lag = |lead: &Lead| LAGS.contains(&lead.effect.id());
-        if is_lag(lead) {
-            let lags =
-                distinct(seconds).into_iter().filter(|other| is_lag(other) && other.effect.id() != lead.effect.id());
-            twins.extend(lags.take(MOST_TWINS).map(|other| self.search.extend(first, other, false)));
-        }
+        let is_as_good = |other: &&Lead| {
+            other.effect.id() != lead.effect.id() && (other.gain > AS_MUCH * lead.gain || is_lag(lead) && is_lag(other))
+        };
+        let others = distinct(seconds).into_iter().filter(is_as_good);
+        twins.extend(others.take(MOST_TWINS).map(|other| self.search.extend(first, other, false)));
         twins
     }
 
@@ -200,7 +235,7 @@ impl Fits<'_> {
             let last = values.last().into_iter().flatten();
             mean.iter_mut().zip(last).for_each(|(mean, value)| *mean += value / logs as f64);
         }
-        let shared = self.search.in_form(&fit, form, &mean);
+        let shared = self.search.in_form(&fit, installed.effect, form, &mean);
         shared.filter(|shared| shared.chi < AS_WELL * fit.chi).unwrap_or(fit)
     }
 

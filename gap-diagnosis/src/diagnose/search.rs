@@ -7,7 +7,7 @@ use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle, settle_anew};
 use super::screen::{Lead, screen};
 use crate::residual::samples_per_independent;
-use plant_sim::effects::{Form, Kind};
+use plant_sim::effects::{Effect, Form, Kind};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -176,10 +176,17 @@ impl Search<'_> {
         self.descend(&refit.hypothesis, z, &LAST_STAGES)
     }
 
-    /// A fit with its last effect in another `form`, from where the fit ended.
-    pub fn in_form(&self, fit: &Candidate, form: &'static Form, values: &[f64]) -> Option<Candidate> {
+    /// A fit with its `effect` in another `form`, from where the fit ended; the effect is installed last then.
+    pub fn in_form(
+        &self,
+        fit: &Candidate,
+        effect: &'static dyn Effect,
+        form: &'static Form,
+        values: &[f64],
+    ) -> Option<Candidate> {
         let mut base = fit.hypothesis.clone();
-        let effect = base.installed.pop()?.effect;
+        let place = base.installed.iter().position(|installed| installed.effect.id() == effect.id())?;
+        base.installed.remove(place);
         let hypothesis = base.with(effect, form, &self.bench.scales());
         let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, values);
