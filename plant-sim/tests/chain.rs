@@ -440,7 +440,7 @@ fn readings_between_samples_know_of_the_edges_of_a_held_command() {
     // A step of 40 V every 12 rows, read by a clock that is a thousandth slow, and the same drive in samples of a fiftieth.
     const FINE: usize = 50;
     const USUAL_S: f64 = 5e-5;
-    let step = |k: usize| if k / 12 % 2 == 0 { 20.0 } else { -20.0 };
+    let step = |k: usize| if (k / 12).is_multiple_of(2) { 20.0 } else { -20.0 };
     let chain = Chain { sensor: Sensor { clock_ratio: 1e-3, ..Sensor::IDEAL }, ..chain() };
     let of = |command_v: Vec<f64>, dt_s: f64, chain: &Chain| {
         let log = Log { dt_s, ..log(command_v, Hold::Zoh, 10e-6) };
