@@ -66,6 +66,12 @@ pub fn samples_per_independent(residual: &[f64]) -> f64 {
     1.0 + 2.0 * sum
 }
 
+/// Akaike's and the Bayesian criterion of a fit with so many `coordinates` that leaves `rms_m` in `samples` independent samples; less is better.
+pub(crate) fn aic_bic(samples: f64, rms_m: f64, coordinates: usize) -> [f64; 2] {
+    let count = coordinates as f64;
+    [2.0 * count, count * samples.ln()].map(|penalty| samples * 2.0 * rms_m.ln() + penalty)
+}
+
 /// Rms of the white noise in `signal`, from its differences.
 ///
 /// The d-th difference of white noise of variance s^2 has variance s^2 C(2d, d), while that of a smooth signal falls with every
@@ -84,13 +90,13 @@ pub fn noise_rms(signal: &[f64]) -> f64 {
             }
             differences.pop();
         }
-        let differences: Vec<f64> = stretches.iter().flatten().copied().collect();
-        if differences.len() < 15 {
+        if stretches.iter().map(Vec::len).sum::<usize>() < 15 {
             break;
         }
         let d = f64::from(order);
         binomial *= 2.0 * (2.0 * d - 1.0) / d;
         if order >= 2 {
+            let differences = stretches.iter().flatten().copied().collect();
             smallest = smallest.min(median_magnitude(differences) / 0.6745 / f64::sqrt(binomial));
         }
     }

@@ -312,11 +312,14 @@ impl Kinks {
         let turning2 = w - half * half;
         let turning = turning2.abs().sqrt().max(1e-3 * half);
         let (cos, sin) = if turning2 > 0.0 {
-            ((turning * t).cos(), (turning * t).sin())
+            let left = (-half * t).exp();
+            (left * (turning * t).cos(), left * (turning * t).sin())
         } else {
-            ((turning * t).cosh(), (turning * t).sinh())
+            // Not as cosh and sinh, which overflow where the samples are long.
+            let [slow, fast] = [half - turning, half + turning].map(|rate_per_s| (-rate_per_s * t).exp());
+            (0.5 * (slow + fast), 0.5 * (slow - fast))
         };
-        (1.0 - (-half * t).exp() * (cos + half / turning * sin)) / w
+        (1.0 - (cos + half / turning * sin)) / w
     }
 
     /// What the edges after row `first` have moved the reading by, `rows` later.

@@ -425,14 +425,19 @@ fn a_clock_that_drifts_reads_at_its_own_instants() {
     let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
     let with = |sensor, dt_s: f64| {
         let chain = Chain { sensor, ..chain() };
-        let log = Log { dt_s, ..log(command_v.clone(), Hold::Zoh, 0.0) };
+        // Lines: the edges of a held command have their own test.
+        let log = Log { dt_s, ..log(command_v.clone(), Hold::Foh, 0.0) };
         predict(&chain, &log, &Start::relaxed(&chain), ROWS)
     };
     let straight = with(Sensor::IDEAL, SAMPLE_S);
     let drifting = with(Sensor { clock_ratio: 1e-3, clock_drift_per_s: 0.2, ..Sensor::IDEAL }, SAMPLE_S);
-    // At row 150, 15 ms: 150 (1 + 0.001 + 0.2 * 0.015 / 2) = 150.375 samples, three eighths of the way.
-    let way = (drifting[150] - straight[150]) / (straight[151] - straight[150]);
-    assert!((0.3..0.45).contains(&way), "{way}");
+    // At row 150, 15 ms: 150 (1 + 0.001 + 0.2 * 0.015 / 2) = 150.375 samples, by a cubic through the four rows around.
+    let [a, b, c, d] = [149, 150, 151, 152].map(|k| straight[k]);
+    let x = 0.375;
+    let cubic = -a * x * (x - 1.0) * (x - 2.0) / 6.0 + b * (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0
+        - c * (x + 1.0) * x * (x - 2.0) / 2.0
+        + d * (x + 1.0) * x * (x - 1.0) / 6.0;
+    assert!((drifting[150] - cubic).abs() < 1e-12, "{:e} {cubic:e}", drifting[150]);
 }
 
 #[test]

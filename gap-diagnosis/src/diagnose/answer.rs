@@ -11,7 +11,7 @@ use super::plants::{Benches, Played, Variant};
 use super::random::{Random, beyond_stated, held_commands, lost, size_of_scatter};
 use super::screen::Lead;
 use super::search::Search;
-use super::verdict::{Class, Ranked, Verdict, classes, named, ranking, set90};
+use super::verdict::{Class, Ranked, Verdict, named, ranking, set90};
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
 use crate::locate::{StagePart, Trace, Where, locate, strongest};
@@ -180,7 +180,7 @@ pub(super) fn answer(
     let bench = search.bench;
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
     say("scoring", 0.9);
-    let (mut verdict, explanation) = named(search, course, &without);
+    let (mut verdict, explanation, classes) = named(search, course, &without);
     let mut random: Vec<Random> = explanation
         .and_then(|e| e.scatter.as_ref())
         .map(|(effect, form, scattered)| size_of_scatter(*effect, form, scattered))
@@ -229,7 +229,6 @@ pub(super) fn answer(
     let ranking = ranking(course, shares_of_nothing, explanation, &shares, beyond.as_ref());
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
-    let classes = explanation.map(|top| classes(search, course, top, &without)).unwrap_or_default();
 
     say("locating", 0.94);
     let logs = logs(benches, &three);
@@ -364,18 +363,15 @@ fn stage(id: &str, wrong: Option<Quantity>) -> Option<&'static str> {
 /// Entries between which something is left to decide.
 fn open(effects: &[String], set90: &[String], classes: &[Class]) -> Vec<String> {
     let mut open: Vec<String> = Vec::new();
-    for class in classes {
-        open.extend(class.members.iter().cloned());
+    for id in classes.iter().flat_map(|class| &class.members) {
+        if !open.contains(id) {
+            open.push(id.clone());
+        }
     }
     if open.is_empty() && set90.len() > effects.len().max(1) {
         open.extend(set90.iter().filter(|id| !["no_gap", "unknown"].contains(&id.as_str())).cloned());
     }
-    open.iter().fold(Vec::new(), |mut once, id| {
-        if !once.contains(id) {
-            once.push(id.clone());
-        }
-        once
-    })
+    open
 }
 
 fn next(

@@ -4,7 +4,7 @@ use super::bench::Bench;
 use super::judge::{AT_NOISE, FREED_BESIDES, Say};
 use super::lines::lines;
 use super::screen::Lead;
-use super::search::{Candidate, Remainder, Search};
+use super::search::{Candidate, Remainder, Search, after_run_in};
 use super::symmetry::along;
 use plant_sim::effects::{Form, Kind, find};
 
@@ -130,17 +130,17 @@ impl Fits<'_> {
             else {
                 continue;
             };
-            let best = leads.iter().find(|lead| lead.effect.id() == own.0).map_or(0.0, |lead| lead.gain);
-            let mut all = pair.clone();
-            for other in others(own.0, own.1, leads).filter(|other| other.gain > AS_PROMISING * best) {
-                if self.is_found(&all) {
+            let most = leads.iter().find(|lead| lead.effect.id() == own.0).map_or(0.0, |lead| lead.gain);
+            let mut best = pair.clone();
+            for other in others(own.0, own.1, leads, most) {
+                if self.is_found(&best) {
                     break;
                 }
                 if let Some(changed) = self.search.in_form(pair, other.effect, other.form, &other.values) {
-                    all = better(all, changed);
+                    best = better(best, changed);
                 }
             }
-            *pair = all;
+            *pair = best;
         }
     }
 
@@ -253,9 +253,7 @@ impl Fits<'_> {
     fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead);
-        for other in
-            others(lead.effect.id(), lead.form.name, leads).filter(|other| other.gain > AS_PROMISING * lead.gain)
-        {
+        for other in others(lead.effect.id(), lead.form.name, leads, lead.gain) {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE || lead.share < LITTLE {
                 break;
             }
@@ -296,7 +294,7 @@ impl Fits<'_> {
             let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
                 continue;
             };
-            for other in others(own.0, own.1, leads).filter(|other| other.gain > AS_PROMISING * gain) {
+            for other in others(own.0, own.1, leads, gain) {
                 *fit = better(fit.clone(), self.fit_of(other));
             }
         }
@@ -305,9 +303,10 @@ impl Fits<'_> {
     }
 }
 
-/// Leads of the same effect in other forms, a few of them.
-fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead]) -> impl Iterator<Item = &'l Lead> {
-    leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form).take(MOST_OTHERS)
+/// Leads of the same effect in other forms, a few of them, that promise as much as the `gain` of its own.
+fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl Iterator<Item = &'l Lead> {
+    let same = leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form);
+    same.take(MOST_OTHERS).filter(move |lead| lead.gain > AS_PROMISING * gain)
 }
 
 fn better(one: Candidate, other: Candidate) -> Candidate {
@@ -350,8 +349,7 @@ fn distinct(leads: &[Lead]) -> Vec<&Lead> {
 /// Share of the excess power in the first tenth of the logs.
 fn early_share(bench: &Bench<'_>, remainders: &[Remainder]) -> f64 {
     let (mut early, mut all) = (0.0, 0.0);
-    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
-        let residual_m = &residual_m[record.run_in..];
+    for (record, residual_m) in after_run_in(bench, remainders) {
         let noise2 = record.noise_m * record.noise_m;
         let tenth = residual_m.len() / 10;
         early += residual_m[..tenth].iter().map(|r| r * r - noise2).sum::<f64>() / noise2;

@@ -1,7 +1,7 @@
 //! Lines in residuals: frequencies at which all logs together hold more power than their neighbourhood, drive or no drive.
 
 use super::bench::{Bench, Record};
-use super::search::Remainder;
+use super::search::{Remainder, after_run_in};
 use crate::spectra::power_density;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
@@ -32,8 +32,7 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
     let mut total = vec![0.0; BINS];
     let mut planner = RealFftPlanner::<f64>::new();
-    let stretches = bench.records.iter().zip(remainders).flat_map(|(record, remainder)| {
-        let residual_m = &remainder.residual_m[record.run_in..];
+    let stretches = after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
         let rows = residual_m.len();
         let count = rows.div_ceil(MOST_ROWS).max(1);
         residual_m.chunks(rows.div_ceil(count).max(1)).map(move |residual_m| (record, residual_m))
@@ -88,8 +87,7 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
 /// modelled would be, under an excitation that reaches it.
 pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let mut found: Vec<(f64, f64)> = Vec::new();
-    for (record, Remainder { residual_m, .. }) in bench.records.iter().zip(remainders) {
-        let residual_m = &residual_m[record.run_in..];
+    for (record, residual_m) in after_run_in(bench, remainders) {
         let density = power_density(residual_m, record.log.dt_s, RESONANCE_SEGMENT.min(residual_m.len() / 2));
         let power = &density.density_m2_per_hz;
         for bin in 2..power.len().saturating_sub(2) {
@@ -113,8 +111,7 @@ pub fn resonances(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
 /// grid becomes, the longer are the stretches that are looked at: the line of a long one would lie between two places of a coarse grid.
 fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64) -> f64 {
     let power = |hz: f64, stretch_s: f64| -> f64 {
-        let of_log = |(record, Remainder { residual_m, .. }): (&Record<'_>, &Remainder)| {
-            let residual_m = &residual_m[record.run_in..];
+        let of_log = |(record, residual_m): (&Record<'_>, &[f64])| {
             let turn = Complex::from_polar(1.0, -std::f64::consts::TAU * hz * record.log.dt_s);
             let rows = ((stretch_s / record.log.dt_s) as usize).clamp(1, residual_m.len());
             let of_stretch = |stretch_m: &[f64]| {
@@ -128,7 +125,7 @@ fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64
             };
             residual_m.chunks(rows).map(of_stretch).sum::<f64>()
         };
-        bench.records.iter().zip(remainders).map(of_log).sum()
+        after_run_in(bench, remainders).map(of_log).sum()
     };
     let longest_s = bench.records.iter().map(|r| r.log.len() as f64 * r.log.dt_s).fold(0.0, f64::max);
     let mut best_hz = hz;
@@ -137,7 +134,7 @@ fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64
         let is_fine = step_hz < FINE / longest_s;
         let centre_hz = best_hz;
         let mut best = power(centre_hz, 0.5 / step_hz);
-        for step in -8..=8 {
+        for step in (-8..=8).filter(|step| *step != 0) {
             let there_hz = centre_hz + step_hz * f64::from(step);
             let there = power(there_hz, 0.5 / step_hz);
             if there > best {

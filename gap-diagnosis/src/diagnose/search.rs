@@ -55,6 +55,14 @@ pub struct Remainder {
     pub velocity_m_per_s: Vec<f64>,
 }
 
+/// Each log's record with what a candidate leaves of it after the run-in.
+pub(super) fn after_run_in<'r>(
+    bench: &'r Bench<'_>,
+    remainders: &'r [Remainder],
+) -> impl Iterator<Item = (&'r Record<'r>, &'r [f64])> {
+    bench.records.iter().zip(remainders).map(|(record, left)| (record, &left.residual_m[record.run_in..]))
+}
+
 /// A search on one bench.
 pub struct Search<'a> {
     /// The bench.

@@ -51,7 +51,7 @@ pub struct Class {
     pub reason: String,
 }
 
-/// The explanation that is named; none for `no_gap` and `unknown`.
+/// The explanation that is named, and the entries that these logs can't tell from it; none for `no_gap` and `unknown`.
 ///
 /// Explanations that these logs can't tell apart count together, and so do those that share an effect: the truth doesn't become less
 /// probable by having a twin, nor by having company.
@@ -59,9 +59,9 @@ pub(super) fn named<'c>(
     search: &Search<'_>,
     course: &'c Course,
     without: &[&str],
-) -> (Verdict, Option<&'c Explanation>) {
+) -> (Verdict, Option<&'c Explanation>, Vec<Class>) {
     let otherwise = if course.no_gap > course.unknown { Verdict::NoGap } else { Verdict::Unknown };
-    let Some(top) = course.explanations.first() else { return (otherwise, None) };
+    let Some(top) = course.explanations.first() else { return (otherwise, None, Vec::new()) };
     let classes = classes(search, course, top, without);
     let with = course.explanations.iter().skip(1).filter(|other| {
         let shares = other.judged.ids.iter().any(|id| top.judged.ids.contains(id));
@@ -71,9 +71,9 @@ pub(super) fn named<'c>(
     });
     let together = top.probability + with.map(|other| other.probability).sum::<f64>();
     if together > course.unknown && together > course.no_gap {
-        (Verdict::Explained, Some(top))
+        (Verdict::Explained, Some(top), classes)
     } else {
-        (otherwise, None)
+        (otherwise, None, Vec::new())
     }
 }
 
@@ -136,7 +136,7 @@ pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
 }
 
 /// Entries that these logs can't tell from a member of `top`; those that were struck out are none.
-pub(super) fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&str]) -> Vec<Class> {
+fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&str]) -> Vec<Class> {
     let mut classes = Vec::new();
     if let Some(best) = &top.freed {
         let rivals = freed(search, &top.candidate);

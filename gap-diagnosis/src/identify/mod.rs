@@ -15,7 +15,7 @@ mod report;
 mod search;
 pub mod tfest;
 
-use crate::residual::Autocorrelation;
+use crate::residual::{Autocorrelation, aic_bic};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 use plant_sim::model::{Kind, Model};
@@ -212,7 +212,7 @@ impl Fit {
     /// independent samples, the fewer of the two.
     fn beats(&self, other: &Fit) -> bool {
         let samples = self.independent_samples.min(other.independent_samples);
-        let criterion = |fit: &Fit| samples * 2.0 * fit.rms_m.ln() + fit.coordinates as f64 * samples.ln();
+        let criterion = |fit: &Fit| aic_bic(samples, fit.rms_m, fit.coordinates)[1];
         criterion(self) < criterion(other)
     }
 }

@@ -4,7 +4,7 @@ use super::parameters::{Quantity, Scale};
 use super::problem::{Problem, Record};
 use super::search::{Found, Session, UNSEEN};
 use super::{Fit, Fitted, LogFit, Verdict};
-use crate::residual::{Autocorrelation, LAGS, samples_per_independent};
+use crate::residual::{Autocorrelation, LAGS, aic_bic, samples_per_independent};
 use plant_sim::chain::Chain;
 use plant_sim::metrics::{Score, rms};
 use plant_sim::model::Kind;
@@ -83,10 +83,9 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     let offset_m = logs.iter().map(|l| l.offset_m).sum::<f64>() / logs.len() as f64;
     model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, logs[0].noise_m * 1e6, &source));
     model.sensor.noise_um = Some(Param::new(logs[0].noise_m * 1e6, 0.1, &source));
-    let rows = problem.data_rows() as f64;
-    let count = z.len() as f64;
     let residual_m: Vec<f64> = (0..records.len()).flat_map(|i| problem.residual_m(i)).collect();
-    let log_mean_square = 2.0 * rms(residual_m.iter().copied()).ln();
+    let rms_m = rms(residual_m);
+    let [aic, bic] = aic_bic(problem.data_rows() as f64, rms_m, z.len());
     let independent: f64 = (0..records.len())
         .map(|i| problem.residual_m(i))
         .map(|residual| residual.len() as f64 / samples_per_independent(&residual))
@@ -96,11 +95,11 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
         parameters,
         logs,
         starts_rms_m: starts_rms_m.clone(),
-        aic: rows * log_mean_square + 2.0 * count,
-        bic: rows * log_mean_square + count * rows.ln(),
+        aic,
+        bic,
         independent_samples: independent,
         coordinates: z.len(),
-        rms_m: rms(residual_m),
+        rms_m,
         simulations: session.simulations.load(Ordering::Relaxed),
         seed: session.options.seed,
     }

@@ -7,7 +7,7 @@
 
 use super::search::{self, FINE};
 use super::{IdentifyError, LogFit, Options, check, run_in_rows};
-use crate::residual::{Autocorrelation, LAGS, noise_rms, samples_per_independent};
+use crate::residual::{Autocorrelation, LAGS, aic_bic, noise_rms, samples_per_independent};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{Complex, DMatrix, DVector, Dyn};
@@ -91,13 +91,12 @@ impl Estimate {
     /// Akaike's and the Bayesian criterion of all scored rows, as if these were independent; less is better.
     pub fn aic_bic(&self) -> [f64; 2] {
         let rows: f64 = self.logs.iter().map(|log| (log.predicted_m.len() - log.run_in_rows) as f64).sum();
-        let count = self.coordinates as f64;
-        [2.0 * count, count * rows.ln()].map(|penalty| rows * 2.0 * self.rms_m.ln() + penalty)
+        aic_bic(rows, self.rms_m, self.coordinates)
     }
 
     /// The Bayesian criterion with `samples` independent samples; less is better.
     pub fn criterion(&self, samples: f64) -> f64 {
-        samples * 2.0 * self.rms_m.ln() + self.coordinates as f64 * samples.ln()
+        aic_bic(samples, self.rms_m, self.coordinates)[1]
     }
 }
 

@@ -84,10 +84,7 @@ pub(super) fn character(
         let dt_s = trace.dt_s;
         let n_scored = scored(trace).count().max(1) as f64;
         let mean = |value: &dyn Fn(usize) -> f64| scored(trace).map(value).sum::<f64>() / n_scored;
-        let acceleration = |k: usize| {
-            let (before, after) = (k.saturating_sub(1), (k + 1).min(trace.displacement_m.len() - 1));
-            (trace.velocity_m_per_s(after) - trace.velocity_m_per_s(before)) / ((after - before).max(1) as f64 * dt_s)
-        };
+        let acceleration = |k: usize| trace.slope(k, 1, |k| trace.velocity_m_per_s(k));
         let others: [&dyn Fn(usize) -> f64; 3] =
             [&|k| trace.displacement_m[k], &|k| trace.velocity_m_per_s(k), &acceleration];
         let means = others.map(mean);

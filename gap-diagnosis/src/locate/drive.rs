@@ -46,12 +46,7 @@ pub(super) fn directions(trace: &Trace<'_>) -> Vec<Direction> {
 /// Rate of the drive at sample `k`.
 pub(super) fn rate_v_per_s(trace: &Trace<'_>, k: usize) -> f64 {
     let half = ((HALF_WIDTH_S / trace.dt_s).round() as usize).max(1);
-    let (before, after) = (k.saturating_sub(half), (k + half).min(trace.drive_v.len() - 1));
-    if after == before {
-        0.0
-    } else {
-        (trace.drive_v[after] - trace.drive_v[before]) / ((after - before) as f64 * trace.dt_s)
-    }
+    trace.slope(k, half, |k| trace.drive_v[k])
 }
 
 /// Smallest and largest finite value; (0, 0) where there is none.

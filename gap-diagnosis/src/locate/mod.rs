@@ -51,9 +51,14 @@ pub struct Trace<'a> {
 impl Trace<'_> {
     /// Predicted velocity at sample `k`, by central differences: a map of velocities needs no more, and ten minutes of them would cost
     /// as much memory as a column of the log.
-    pub(crate) fn velocity_m_per_s(&self, k: usize) -> f64 {
-        let (before, after) = (k.saturating_sub(1), (k + 1).min(self.displacement_m.len() - 1));
-        (self.displacement_m[after] - self.displacement_m[before]) / ((after - before).max(1) as f64 * self.dt_s)
+    fn velocity_m_per_s(&self, k: usize) -> f64 {
+        self.slope(k, 1, |k| self.displacement_m[k])
+    }
+
+    /// Central difference of `value` at sample `k` over `half` samples to either side, as far as the log goes; per second.
+    fn slope(&self, k: usize, half: usize, value: impl Fn(usize) -> f64) -> f64 {
+        let (before, after) = (k.saturating_sub(half), (k + half).min(self.residual_m.len() - 1));
+        (value(after) - value(before)) / ((after - before).max(1) as f64 * self.dt_s)
     }
 }
 
