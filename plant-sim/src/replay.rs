@@ -166,6 +166,8 @@ pub struct Reader<'a> {
     pub drive_v: f64,
     /// See `drive_v`.
     pub motion: (f64, f64),
+    /// Displacement behind the sensor's play and lag, metres, and the time, seconds, that the last reading was made of, if the log has one clock.
+    pub before_reading: (f64, f64),
 }
 
 impl<'a> Reader<'a> {
@@ -182,14 +184,16 @@ impl<'a> Reader<'a> {
             taken: 0,
             kinks: Kinks::of(chain, log, start),
         });
-        Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0) }
+        Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0.0) }
     }
 
     /// Reading of an ideal sensor at the next row, metres. Beyond the log's end the last command is held.
     pub fn next_m(&mut self) -> f64 {
         let row = self.row;
         self.row += 1;
-        (self.drive_v, self.motion) = (self.player.simulator.drive_v(), self.player.simulator.motion());
+        let simulator = &self.player.simulator;
+        (self.drive_v, self.motion, self.before_reading) =
+            (simulator.drive_v(), simulator.motion(), simulator.before_reading());
         let Some(mut clock) = self.clock.take() else { return self.step(row) };
         while clock.lacks(row) {
             let reading_m = self.step(clock.taken);

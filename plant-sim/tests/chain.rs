@@ -2,7 +2,7 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Warming,
+    Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Stairs, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -217,6 +217,10 @@ fn the_drive_saturates_and_rounds() {
     let rounded: Vec<f64> = command_v.iter().map(|v| (v / 0.5).round() * 0.5).collect();
     assert_eq!(through(&coarse, &command_v), through(&chain(), &rounded));
 
+    let truncating = Chain { drive: Drive { quantum_v: 0.5, is_truncating: true, ..Drive::IDEAL }, ..chain() };
+    let cut: Vec<f64> = command_v.iter().map(|v| (v / 0.5).floor() * 0.5).collect();
+    assert_eq!(through(&truncating, &command_v), through(&chain(), &cut));
+
     // The drive's own delay adds to the latency.
     let late = Chain { drive: Drive { delay_s: 0.7 * SAMPLE_S, ..Drive::IDEAL }, ..chain() };
     let both = predict(&late, &log(command_v.clone(), Hold::Zoh, 0.5 * SAMPLE_S), &start, ROWS);
@@ -286,6 +290,12 @@ fn the_sensor_offsets_rounds_and_is_noisy() {
         let read_m = state.read_m(ideal_m, 0.0, SAMPLE_S);
         let steps = read_m / 50e-9;
         assert!((read_m - ideal_m).abs() <= 25e-9 * (1.0 + 1e-9) && (steps - steps.round()).abs() < 1e-9);
+    }
+    // Stairs inside the instrument: codes at 10 nm and every 60 nm from there, and noise on top of them.
+    let stairs = Some(Stairs { step_m: 60e-9, at_m: 10e-9 });
+    let inside = Sensor { stairs, ..Sensor::IDEAL };
+    for (read_m, code_m) in [(12e-9, 10e-9), (39e-9, 10e-9), (41e-9, 70e-9), (-1e-7, -1.1e-7)] {
+        assert!((inside.predictable_m(read_m, 0.0) - code_m).abs() < 1e-20, "{read_m:e}");
     }
     // White: 10 000 samples estimate sigma within 1/sqrt(20 000) = 0.7 %, the mean within 1 % and the first correlation within 1 % of
     // sigma; four standard deviations each.

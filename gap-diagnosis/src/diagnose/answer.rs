@@ -3,12 +3,12 @@
 use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::Bench;
 use super::closed_loop::ClosedLoop;
-use super::events::Applied;
+use super::events::Losses;
 use super::gap::{Gap, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation, has_gap, refitted};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
-use super::random::{Random, beyond_stated, held_commands, lost, size_of_scatter};
+use super::random::{Random, beyond_stated, lost, repeated, size_of_scatter};
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, named, ranking, set90};
@@ -173,7 +173,7 @@ pub(super) fn answer(
     course: &Course,
     benches: &Benches<'_>,
     options: &Options,
-    applied: Option<&Applied>,
+    losses: Option<&Losses>,
     mut warnings: Vec<String>,
     say: Say<'_>,
 ) -> Diagnosis {
@@ -192,7 +192,7 @@ pub(super) fn answer(
     let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
         verdict == Verdict::NoGap || well || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
     });
-    let never_arrived = applied.and_then(held_commands).or_else(|| lost(bench, &course.scattered));
+    let never_arrived = losses.and_then(lost).or_else(|| repeated(bench, &course.scattered));
     let beyond = never_arrived.or(unseen).filter(|beyond| {
         let is_new = random.iter().all(|known| known.effect.id() != beyond.effect.id());
         is_new && verdict != Verdict::Unknown

@@ -8,7 +8,7 @@ use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Relative standard deviation of a nominal number whose source gives none.
 const SIGMA: f64 = 0.02;
@@ -510,12 +510,15 @@ impl<'a> Bench<'a> {
         chain
     }
 
-    /// What hysteron `i` may hold at rest under `rest_v`, as a share of its edge: no more than is left when a motion as far as the rig
-    /// goes has driven it over its edge and has come back.
+    /// What hysteron `i` may hold at rest under `rest_v`, as a share of its edge: no more than is left when a step as far as the rig
+    /// goes, overshoot included, has driven it over its edge and has come back.
     fn reach(&self, i: usize, rest_v: f64) -> f64 {
         let plant = &self.chain.plant;
         let (Some(rig), Some(hysteron)) = (&self.model.rig, plant.hysterons.get(i)) else { return 1.0 };
-        let way_m = rig.displacement_max_um.value * 1e-6 + (plant.static_gain_m_per_v() * rest_v).abs();
+        let damping_ratio = 0.5 * plant.damping_n_s_per_m / (plant.stiffness_n_per_m * plant.mass_kg).sqrt();
+        let overshoot = (-PI * damping_ratio / (1.0 - damping_ratio.powi(2)).max(1e-9).sqrt()).exp();
+        let way_m =
+            rig.displacement_max_um.value * 1e-6 * (1.0 + overshoot) + (plant.static_gain_m_per_v() * rest_v).abs();
         let closed_v = plant.transduction_c_per_m * way_m / hysteron.capacitance_f;
         (closed_v / hysteron.edge_v() - 1.0).clamp(LEAST_REACH, 1.0)
     }

@@ -1,13 +1,14 @@
-//! Commands that never arrived, found row by row in what a fit leaves.
+//! Commands that never arrived and readings that stayed, found row by row in what a fit leaves.
 //!
 //! A command that is lost leaves the drive where it was: a pulse whose height the log tells and whose echo in the displacement the plant
-//! tells. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
+//! tells. A reading that is lost leaves the number where it was, be the noise a new one: the same with the predicted displacement and
+//! without an echo. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
 //! greedily, the most certain first; what they leave shows the next. Delays, slews and jitter leave such pulses at no height or at
 //! every height, and at every row, so that their shares don't crowd at one.
 
-use super::bench::Bench;
+use super::bench::{Bench, Record};
 use super::judge::Course;
-use super::search::Search;
+use super::search::{Remainder, Search};
 use crate::residual::median_magnitude;
 use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::log::{Hold, Log};
@@ -25,6 +26,10 @@ const BLOCK: usize = 4096;
 const PASSES: usize = 3;
 /// From the median of a normal's magnitude to its sigma.
 const TO_SIGMA: f64 = 1.4826;
+/// The rows that were lost stepped no less and no more than others whose loss would show: their mean rank among those is a half, this much or
+/// so many sigma of it more or less. What sticks stays where steps are small.
+const RANK_WITHIN: f64 = 0.12;
+const RANK_SIGMAS: f64 = 3.0;
 /// Fewer stretches than this are chance.
 const LEAST: usize = 4;
 /// Of the stretches, this share must have between these parts of their height ..
@@ -35,10 +40,27 @@ const MOST_SHARE: f64 = 0.35;
 /// .. and leave no more than this share of the power.
 const LEAVES: f64 = 0.5;
 
-/// What reached the drive.
-pub(super) struct Applied {
-    command_v: Vec<Vec<f64>>,
-    /// Share of all commands that was lost.
+/// Rows from which a reading that stayed is told: as many to either side are its slow part.
+const READING_ROWS: usize = 8;
+
+/// What was lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Lost {
+    /// Commands.
+    Commands,
+    /// Readings.
+    Readings,
+}
+
+/// The rows that were lost.
+pub(super) struct Losses {
+    /// Which way.
+    pub lost: Lost,
+    /// What acted in each row of each log: commands in volts, or readings in metres.
+    held: Vec<Vec<f64>>,
+    /// Which rows of each log.
+    pub is_lost: Vec<Vec<bool>>,
+    /// Share of all rows that was lost.
     pub share: f64,
     /// Its standard deviation.
     pub sigma: f64,
@@ -46,7 +68,22 @@ pub(super) struct Applied {
     pub power_m2: f64,
 }
 
-impl Applied {
+impl Losses {
+    /// These and `more`, which were found once these were known.
+    pub fn and(self, more: Losses) -> Losses {
+        match self.lost {
+            // What arrived the first time was what was looked at then.
+            Lost::Commands => Losses {
+                share: self.share + more.share,
+                sigma: self.sigma.hypot(more.sigma),
+                power_m2: self.power_m2 + more.power_m2,
+                ..more
+            },
+            // Readings that are known to have stayed are found again.
+            Lost::Readings => more,
+        }
+    }
+
     /// What a diagnosis reads of `logs`, with the commands that arrived, which are given away.
     pub fn logs(&mut self, logs: &[Log]) -> Vec<Log> {
         let one = |(log, command_v): (&Log, Vec<f64>)| Log {
@@ -59,33 +96,37 @@ impl Applied {
             meta: log.meta.clone(),
             ..Log::default()
         };
-        logs.iter().zip(std::mem::take(&mut self.command_v)).map(one).collect()
+        logs.iter().zip(std::mem::take(&mut self.held)).map(one).collect()
     }
 }
 
-/// What reached the drive in each log, if commands were lost, by what the best fit of `course` leaves.
-pub(super) fn applied(search: &Search<'_>, course: &Course) -> Option<Applied> {
+/// What was lost of each log, if commands or readings were, by what the best fit of `course` leaves; of both what takes more.
+pub(super) fn losses(search: &Search<'_>, course: &Course) -> Option<Losses> {
     let fits = course.explanations.iter().map(|explanation| &explanation.candidate);
     let best = fits.fold(&course.refit, |best, fit| if fit.chi < best.chi { fit } else { best });
     let bench = search.bench;
-    let mut walks = Vec::new();
-    for (index, left) in search.play(best).into_iter().enumerate() {
+    let left = search.play(best);
+    let of_commands = |(index, left): (usize, &Remainder)| {
         let chain = bench.chain_at(&best.hypothesis, &best.found.z, index);
-        walks.push(Walk::new(bench, index, &chain, left.residual_m)?.searched());
-    }
-    judged(walks)
+        Walk::of_commands(bench, index, &chain, &left.residual_m).map(Walk::searched)
+    };
+    let of_readings = |(index, left): (usize, &Remainder)| Walk::of_readings(bench, index, &left.residual_m).searched();
+    let commands: Option<Vec<Walked>> = left.iter().enumerate().map(of_commands).collect();
+    let readings = left.iter().enumerate().map(of_readings).collect();
+    let found = [commands.and_then(|walks| judged(Lost::Commands, walks)), judged(Lost::Readings, readings)];
+    found.into_iter().flatten().max_by(|a, b| a.power_m2.total_cmp(&b.power_m2))
 }
 
 /// What the walks found, if it can be nothing but losses.
-fn judged(walks: Vec<Walked>) -> Option<Applied> {
+fn judged(lost: Lost, walks: Vec<Walked>) -> Option<Losses> {
     let shares: Vec<f64> = walks.iter().flat_map(|walk| walk.shares.iter().copied()).collect();
     let crowded = shares.iter().filter(|share| (AT_ONE[0]..AT_ONE[1]).contains(*share)).count();
-    let (mut rows, mut lost, mut visible, mut taken_m2) = (0, 0, 0, 0.0);
+    let (mut rows, mut count, mut visible, mut taken_m2) = (0, 0, 0, 0.0);
     let mut power_m2 = [0.0; 2];
     for walk in &walks {
         rows += walk.is_lost.len();
-        lost += walk.is_lost.iter().filter(|is_lost| **is_lost).count();
-        visible += walk.visible;
+        count += walk.is_lost.iter().filter(|is_lost| **is_lost).count();
+        visible += walk.visible.len();
         taken_m2 += walk.taken_m2;
         power_m2 = [power_m2[0] + walk.power_m2[0], power_m2[1] + walk.power_m2[1]];
     }
@@ -93,23 +134,42 @@ fn judged(walks: Vec<Walked>) -> Option<Applied> {
         && crowded as f64 >= CROWDED * shares.len() as f64
         && shares.len() as f64 <= MOST_SHARE * visible as f64
         && power_m2[1] <= LEAVES * power_m2[0];
-    is_found.then(|| Applied {
-        // Of the commands whose loss shows, and as likely of the others.
-        share: lost as f64 / visible as f64,
-        sigma: (lost as f64).sqrt() / visible as f64,
+    let is_found = is_found && is_anywhere(&walks);
+    let (held, is_lost) = walks.into_iter().map(|walk| (walk.held, walk.is_lost)).unzip();
+    is_found.then(|| Losses {
+        lost,
+        held,
+        is_lost,
+        // Of the rows whose loss shows, and as likely of the others.
+        share: count as f64 / visible as f64,
+        sigma: (count as f64).sqrt() / visible as f64,
         power_m2: taken_m2 / rows as f64,
-        command_v: walks.into_iter().map(|walk| walk.applied_v).collect(),
     })
 }
 
+/// Whether the rows that begin a stretch are any rows of those whose loss would show.
+fn is_anywhere(walks: &[Walked]) -> bool {
+    let mut visible: Vec<f64> = walks.iter().flat_map(|walk| walk.visible.iter().map(|(_, step)| *step)).collect();
+    visible.sort_by(f64::total_cmp);
+    let begins = |walk: &Walked, row: usize| walk.is_lost[row] && !walk.is_lost[row - 1];
+    let steps = walks.iter().flat_map(|walk| walk.visible.iter().filter(|(row, _)| begins(walk, *row)));
+    let ranks: Vec<f64> =
+        steps.map(|(_, step)| visible.partition_point(|other| other < step) as f64 / visible.len() as f64).collect();
+    let mean = ranks.iter().sum::<f64>() / ranks.len().max(1) as f64;
+    let sigma = (12.0 * ranks.len().max(1) as f64).sqrt().recip();
+    (mean - 0.5).abs() < RANK_WITHIN.max(RANK_SIGMAS * sigma)
+}
+
 /// A search of one log.
-struct Walk<'a> {
-    log: &'a Log,
-    applied_v: Vec<f64>,
+struct Walk {
+    /// What every row should have: its command in volts, or its reading in metres.
+    given: Vec<f64>,
+    /// What it had.
+    held: Vec<f64>,
     is_lost: Vec<bool>,
     /// What is left, slow parts taken off.
     left_m: Vec<f64>,
-    /// Echo of a volt over one sample, slow parts taken off, from `ahead` rows before the sample on; its products with itself.
+    /// Echo of a unit over one sample, slow parts taken off, from `ahead` rows before the sample on, in metres; its products with itself.
     echo_m: Vec<f64>,
     ahead: usize,
     products_m2: Vec<f64>,
@@ -118,21 +178,21 @@ struct Walk<'a> {
     noise2: f64,
     /// Height of each stretch that was found, as a share of what it would be.
     shares: Vec<f64>,
-    /// Rows whose loss would have shown.
-    visible: usize,
+    /// Rows whose loss would have shown, and how far what they should have is from that of the row before.
+    visible: Vec<(usize, f64)>,
     taken_m2: f64,
 }
 
 /// What a search of one log found.
 struct Walked {
-    applied_v: Vec<f64>,
+    held: Vec<f64>,
     is_lost: Vec<bool>,
     /// Sums of squares beyond the noise, before and after.
     power_m2: [f64; 2],
     /// See [`Walk`].
     shares: Vec<f64>,
     /// See [`Walk`].
-    visible: usize,
+    visible: Vec<(usize, f64)>,
     /// See [`Walk`].
     taken_m2: f64,
 }
@@ -148,27 +208,39 @@ struct Stretch {
     share: f64,
 }
 
-impl<'a> Walk<'a> {
+impl Walk {
     /// `None` for logs whose command isn't held, or whose drive was seen, and for a plant whose play lets no pulse through.
-    fn new(bench: &Bench<'a>, index: usize, chain: &Chain, residual_m: Vec<f64>) -> Option<Self> {
-        let record = &bench.records[index];
-        let log = record.log;
+    fn of_commands(bench: &Bench<'_>, index: usize, chain: &Chain, residual_m: &[f64]) -> Option<Self> {
+        let log = bench.records[index].log;
         if log.meta.hold != Hold::Zoh || log.drive_v.is_some() {
             return None;
         }
         let pulse_m = pulse(chain, log.dt_s, log.meta.latency_s)?;
+        Some(Self::new(&bench.records[index], log.command_v.clone(), &pulse_m, residual_m))
+    }
+
+    /// Readings: what was predicted is what they should have been, and a row's echo is itself.
+    fn of_readings(bench: &Bench<'_>, index: usize, residual_m: &[f64]) -> Self {
+        let record = &bench.records[index];
+        let predicted_m = record.log.displacement_m.iter().zip(residual_m).map(|(y, r)| y - r).collect();
+        let mut pulse = [0.0; READING_ROWS];
+        pulse[0] = 1.0;
+        Self::new(record, predicted_m, &pulse, residual_m)
+    }
+
+    fn new(record: &Record<'_>, given: Vec<f64>, pulse_m: &[f64], residual_m: &[f64]) -> Self {
         let ahead = pulse_m.len();
         let mut echo_m = vec![0.0; 3 * ahead];
-        echo_m[ahead..2 * ahead].copy_from_slice(&pulse_m);
+        echo_m[ahead..2 * ahead].copy_from_slice(pulse_m);
         let echo_m = without_slow(&echo_m, ahead);
         let shifted = |by: usize| echo_m.iter().skip(by).zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
         let products_m2 = (0..IN_A_ROW).map(shifted).collect();
-        let mut left_m = without_slow(&residual_m, ahead);
+        let mut left_m = without_slow(residual_m, ahead);
         left_m[..record.run_in].fill(0.0);
-        Some(Self {
-            log,
-            applied_v: log.command_v.clone(),
-            is_lost: vec![false; log.len()],
+        Self {
+            held: given.clone(),
+            is_lost: vec![false; given.len()],
+            given,
             left_m,
             echo_m,
             ahead,
@@ -176,18 +248,18 @@ impl<'a> Walk<'a> {
             first: record.run_in.max(1),
             noise2: record.noise_m.powi(2),
             shares: Vec::new(),
-            visible: 0,
+            visible: Vec::new(),
             taken_m2: 0.0,
-        })
+        }
     }
 
     /// Sum of squares beyond the noise.
     fn power_m2(&self) -> f64 {
-        (self.left_m.iter().map(|v| v * v).sum::<f64>() - self.noise2 * (self.log.len() - self.first) as f64).max(0.0)
+        (self.left_m.iter().map(|v| v * v).sum::<f64>() - self.noise2 * (self.given.len() - self.first) as f64).max(0.0)
     }
 
     fn searched(mut self) -> Walked {
-        let rows = self.log.len();
+        let rows = self.given.len();
         let before_m2 = self.power_m2();
         for _ in 0..PASSES {
             let found = self.shares.len();
@@ -196,15 +268,16 @@ impl<'a> Walk<'a> {
             for from in (self.first..rows).step_by(BLOCK) {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
             }
-            let alone = |k: usize| (self.applied_v[k - 1] - self.log.command_v[k]).powi(2) * self.products_m2[0];
-            self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).count();
+            let alone = |k: usize| (self.held[k - 1] - self.given[k]).powi(2) * self.products_m2[0];
+            let step = |k: usize| (k, (self.given[k] - self.given[k - 1]).abs());
+            self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(step).collect();
             if self.shares.len() == found {
                 break;
             }
         }
         Walked {
             power_m2: [before_m2, self.power_m2()],
-            applied_v: self.applied_v,
+            held: self.held,
             is_lost: self.is_lost,
             shares: self.shares,
             visible: self.visible,
@@ -240,20 +313,20 @@ impl<'a> Walk<'a> {
 
     /// The stretch from row `k` on that gains most, if one is certain.
     fn best(&self, matched: &[f64], start: usize, k: usize, unit2: f64) -> Option<Stretch> {
-        let held_v = self.applied_v[k - 1];
+        let held = self.held[k - 1];
         let (mut along, mut square) = (0.0, 0.0);
-        let mut heights_v: [f64; IN_A_ROW] = [0.0; IN_A_ROW];
+        let mut heights: [f64; IN_A_ROW] = [0.0; IN_A_ROW];
         let mut best: Option<Stretch> = None;
         for i in 0..IN_A_ROW {
             let row = k + i;
             if row - start >= matched.len() || self.is_lost[row] {
                 break;
             }
-            let height_v = held_v - self.log.command_v[row];
-            heights_v[i] = height_v;
-            along += height_v * matched[row - start];
-            let crossed: f64 = (0..i).map(|j| heights_v[j] * self.products_m2[i - j]).sum();
-            square += height_v * (height_v * self.products_m2[0] + 2.0 * crossed);
+            let height = held - self.given[row];
+            heights[i] = height;
+            along += height * matched[row - start];
+            let crossed: f64 = (0..i).map(|j| heights[j] * self.products_m2[i - j]).sum();
+            square += height * (height * self.products_m2[0] + 2.0 * crossed);
             let gain_m2 = 2.0 * along - square;
             if gain_m2 > CERTAIN * unit2 && best.is_none_or(|best| gain_m2 > best.gain_m2) {
                 best = Some(Stretch { from: k, rows: i + 1, gain_m2, share: along / square });
@@ -263,18 +336,18 @@ impl<'a> Walk<'a> {
     }
 
     fn take(&mut self, stretch: Stretch) {
-        let held_v = self.applied_v[stretch.from - 1];
+        let held = self.held[stretch.from - 1];
         for row in stretch.from..stretch.from + stretch.rows {
-            let height_v = held_v - self.log.command_v[row];
+            let height = held - self.given[row];
             let first = row as isize - self.ahead as isize;
             for (k, h) in self.echo_m.iter().enumerate() {
                 if let Ok(at) = usize::try_from(first + k as isize)
                     && let Some(left_m) = self.left_m.get_mut(at)
                 {
-                    *left_m -= height_v * h;
+                    *left_m -= height * h;
                 }
             }
-            self.applied_v[row] = held_v;
+            self.held[row] = held;
             self.is_lost[row] = true;
         }
         self.taken_m2 += stretch.gain_m2;
@@ -348,16 +421,16 @@ mod tests {
         chain.sensor.play_m = 2e-6;
         assert_eq!(pulse(&chain, log.dt_s, log.meta.latency_s), None);
         let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
-        assert!(Walk::new(&bench, 0, &chain, vec![0.0; log.len()]).is_none());
+        assert!(Walk::of_commands(&bench, 0, &chain, &vec![0.0; log.len()]).is_none());
     }
 
-    fn found(model: &Model, log: &Log) -> (Vec<bool>, Option<Applied>) {
+    fn found(model: &Model, log: &Log) -> (Vec<bool>, Option<Losses>) {
         let chain = model.chain();
         let bench = Bench::new(model, vec![record(log, &chain, None)]);
         let predicted_m = predict(&chain, log, &Start::relaxed(&chain), log.len());
-        let residual_m = log.displacement_m.iter().zip(predicted_m).map(|(y, p)| y - p).collect();
-        let walk = Walk::new(&bench, 0, &chain, residual_m).expect("held commands").searched();
-        (walk.is_lost.clone(), judged(vec![walk]))
+        let residual_m: Vec<f64> = log.displacement_m.iter().zip(predicted_m).map(|(y, p)| y - p).collect();
+        let walk = Walk::of_commands(&bench, 0, &chain, &residual_m).expect("held commands").searched();
+        (walk.is_lost.clone(), judged(Lost::Commands, vec![walk]))
     }
 
     #[test]
@@ -376,6 +449,58 @@ mod tests {
         let mut applied = applied.expect("losses");
         assert!((applied.share * 6000.0 / 10.0 - 1.0).abs() < 0.5, "{}", applied.share);
         assert_eq!(applied.logs(std::slice::from_ref(&log))[0].command_v, hold(&log.command_v));
+    }
+
+    /// The log of [`log`] with readings as `reading` makes them of the plant's displacement, before the noise.
+    fn stayed(reading: impl Fn(&[f64]) -> Vec<f64>) -> (Vec<bool>, bool) {
+        let (model, mut log) = log(<[f64]>::to_vec);
+        let chain = model.chain();
+        let predicted_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+        let noise_m: Vec<f64> = log.displacement_m.iter().zip(&predicted_m).map(|(y, p)| y - p).collect();
+        let read_m = reading(&predicted_m);
+        log.displacement_m = read_m.iter().zip(&noise_m).map(|(y, noise)| y + noise).collect();
+        let residual_m: Vec<f64> = log.displacement_m.iter().zip(&predicted_m).map(|(y, p)| y - p).collect();
+        let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
+        let walk = Walk::of_readings(&bench, 0, &residual_m).searched();
+        (walk.is_lost.clone(), judged(Lost::Readings, vec![walk]).is_some())
+    }
+
+    #[test]
+    fn readings_that_stayed_are_found_though_each_has_noise_of_its_own() {
+        let lost = [300, 301, 910, 1777, 1778, 1779, 2510, 3600, 3620, 4810];
+        let hold = |y: &[f64]| {
+            let mut read = y.to_vec();
+            lost.iter().for_each(|&k| read[k] = read[k - 1]);
+            read
+        };
+        let (is_lost, is_found) = stayed(hold);
+        assert_eq!((0..is_lost.len()).filter(|&k| is_lost[k]).collect::<Vec<_>>(), lost);
+        assert!(is_found);
+    }
+
+    #[test]
+    fn readings_that_are_late_jittery_or_stick_stayed_nowhere() {
+        let mut random = Pcg64::seed_from_u64(6);
+        let shifts: Vec<f64> = (0..6000).map(|_| random.random_range(-0.6..0.6)).collect();
+        let jittery = |y: &[f64]| -> Vec<f64> {
+            (0..y.len()).map(|k| y[k] + shifts[k] * (y[k.saturating_sub(1)] - y[k])).collect()
+        };
+        let late = |y: &[f64]| -> Vec<f64> { (0..y.len()).map(|k| y[k.saturating_sub(1)]).collect() };
+        // A reading that sticks until the displacement is a micrometre away.
+        let sticking = |y: &[f64]| -> Vec<f64> {
+            let mut at_m = 0.0;
+            y.iter()
+                .map(|y| {
+                    if (y - at_m).abs() > 1e-6 {
+                        at_m = *y;
+                    }
+                    at_m
+                })
+                .collect()
+        };
+        assert!(!stayed(jittery).1, "jitter");
+        assert!(!stayed(late).1, "late");
+        assert!(!stayed(sticking).1, "sticking");
     }
 
     #[test]

@@ -2,8 +2,7 @@
 
 use super::bench::Bench;
 use super::judge::{AT_NOISE, FREED_BESIDES, Say};
-use super::lines::lines;
-use super::screen::Lead;
+use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, after_run_in};
 use super::symmetry::along;
 use plant_sim::effects::{Form, Kind, find};
@@ -23,7 +22,7 @@ const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandw
 const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
-const MOST_OTHERS: usize = 3;
+const MOST_OTHERS: usize = 2;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
 /// A form of fewer numbers goes first if it promised this share of the best one's gain.
@@ -94,7 +93,7 @@ impl Fits<'_> {
         for (number, first) in singles.iter().take(most).take_while(is_as_good).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
             let remainders = self.search.play(first);
-            let seconds = self.search.screen(first, &remainders, &lines(self.search.bench, &remainders), self.without);
+            let seconds = self.search.screen(first, &Starts::of(self.search.bench, &remainders), self.without);
             let taken = |pair: &Candidate| 1.0 - pair.left(first, 1.0);
             let mut beside: Vec<Candidate> = Vec::new();
             for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE) {

@@ -3,8 +3,7 @@
 use super::bench::Freedom;
 use super::evidence::{Judged, probabilities, unknown_score};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
-use super::lines::lines;
-use super::screen::Lead;
+use super::screen::{Lead, Starts};
 use super::search::{Candidate, Search};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, along, freed};
@@ -112,6 +111,16 @@ impl Course {
         has_gap(&self.refit)
     }
 
+    /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows are known: what is unknown of it counts by
+    /// the fraction of the gap that it leaves, as behind any other effect.
+    pub fn stays_of(&mut self, whole: f64) {
+        let left = ((self.refit.chi - 1.0).max(0.0) / whole.max(1e-12)).sqrt();
+        let judged = Judged { ids: vec!["lost_samples"], left, floor: 0.0, prior_cost: 0.0, parameters: 1 };
+        let both = probabilities(&[judged.score().min(100.0), unknown_score()]);
+        self.no_gap += both[0] * self.unknown;
+        self.unknown *= both[1];
+    }
+
     fn new(refit: Candidate, explanations: Vec<Explanation>, scattered: Scattered) -> Self {
         let (leads, line_hz) = (Vec::new(), Vec::new());
         Self { refit, explanations, unknown: 0.0, no_gap: 0.0, leads, scattered, line_hz }
@@ -142,6 +151,10 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     let mut refit = search.refit(freedom);
     if let Some(numbers) = along(search.bench, &refit.found).filter(|_| refit.found.prior_cost > BENT_COST) {
         refit = search.polish_from(refit, &numbers);
+        // Starts that followed the wrong numbers for long lock their logs.
+        if has_gap(&refit) {
+            refit = search.resettled(refit, &numbers);
+        }
     }
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
@@ -178,9 +191,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         scores.extend([nothing, unknown]);
         return judged(Course::new(refit, explanations, scattered), &scores);
     }
-    let line_hz = lines(bench, &remainders);
+    let starts = Starts::of(bench, &remainders);
     say("screening the registry", 0.15);
-    let leads = search.screen(&refit, &remainders, &line_hz, without);
+    let leads = search.screen(&refit, &starts, without);
     let fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
     let best = fits.iter().min_by(|a, b| a.chi.total_cmp(&b.chi));
     // The noise is known to a few per cent: a fit that comes that near is at it.
@@ -190,7 +203,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     let scatter_of = |scattered: &Scattered, fit: &Candidate| {
-        by_scatter(scattered, fit, floor, without, best_share, !line_hz.is_empty())
+        by_scatter(scattered, fit, floor, without, best_share, !starts.line_hz.is_empty())
     };
     let scatter = scatter_of(&scattered, &refit);
     explanations.extend(scatter.iter().cloned());
@@ -236,7 +249,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();
     scores.extend([nothing, unknown_score()]);
-    judged(Course { leads, line_hz, ..Course::new(refit, explanations, scattered) }, &scores)
+    judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores)
 }
 
 /// The course with probabilities from scores: one for each explanation, then `no_gap` and `unknown`.

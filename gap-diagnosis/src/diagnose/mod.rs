@@ -2,7 +2,7 @@
 //!
 //! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]), full fits ([`search`], in the order of `fits`), what
-//! only scatter tells ([`spread`]), which commands never arrived (`events`), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
+//! only scatter tells ([`spread`]), periods over place ([`cycles`]), which commands and readings were lost (`events`), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
 //! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
@@ -12,6 +12,7 @@ mod answer;
 mod augment;
 pub mod bench;
 mod closed_loop;
+pub mod cycles;
 pub mod descend;
 mod error;
 mod events;
@@ -42,12 +43,17 @@ pub use next::NextExperiment;
 pub use verdict::{Class, Ranked, Verdict};
 
 use bench::{Bench, Freedom};
+use events::{Losses, Lost};
 use plant_sim::effects;
 use plant_sim::log::Log;
 use plant_sim::model::Model;
 use plant_sim::replay::Initial;
 use search::Search;
+use std::cell::OnceCell;
 use std::sync::atomic::AtomicUsize;
+
+/// Rounds of looking for what was lost.
+const LOSS_ROUNDS: usize = 3;
 
 /// What to assume.
 #[derive(Clone, Debug, Default)]
@@ -106,7 +112,7 @@ pub fn diagnose(
         }
         records
     };
-    let arrived;
+    let arrived: [OnceCell<Vec<Log>>; LOSS_ROUNDS] = Default::default();
     let mut bench = Bench::new(plant, records(logs));
     error::check_plant(&bench, true)?;
     let mut benches = plants::Benches::new(plant, bench.records.clone(), held_out, options.run_in_s);
@@ -123,16 +129,35 @@ pub fn diagnose(
     let mut search = Search { bench: &bench, simulations: &simulations };
     let mut course = judge::course(&search, freedom, &without, progress);
     let warnings = error::warnings(logs, held_out);
-    let mut applied = if are_losses_known && course.has_gap() { events::applied(&search, &course) } else { None };
-    if let Some(applied) = &mut applied {
-        // What never arrived is no matter of the plant: everything again with the commands that did.
-        arrived = applied.logs(logs);
-        bench = Bench::new(plant, records(&arrived));
+    let mut losses: Option<Losses> = None;
+    let whole = course.refit.chi - 1.0;
+    for arrived in &arrived {
+        let more = if are_losses_known && course.has_gap() { events::losses(&search, &course) } else { None };
+        let Some(more) = more.filter(|more| losses.as_ref().is_none_or(|known| known.lost == more.lost)) else { break };
+        // What never arrived is no matter of the plant: everything again with the commands that did, or without the readings that stayed. A
+        // fit without the first that were found shows others.
+        let all = match losses.take() {
+            Some(known) => known.and(more),
+            None => more,
+        };
+        let known = losses.insert(all);
+        let records = match known.lost {
+            Lost::Commands => records(arrived.get_or_init(|| known.logs(logs))),
+            Lost::Readings => {
+                let mut records = records(logs);
+                records.iter_mut().zip(&known.is_lost).for_each(|(record, lost)| record.is_lost.clone_from(lost));
+                records
+            }
+        };
+        bench = Bench::new(plant, records);
         benches = benches.with_fitted(plant, bench.records.clone());
         search = Search { bench: &bench, simulations: &simulations };
         course = judge::course(&search, freedom, &without, progress);
     }
-    let mut found = answer::answer(&search, &course, &benches, options, applied.as_ref(), warnings, progress);
+    if losses.is_some() {
+        course.stays_of(whole);
+    }
+    let mut found = answer::answer(&search, &course, &benches, options, losses.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {
         found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);
     }

@@ -3,8 +3,9 @@
 
 use super::bench::{Bench, Hypothesis, Record};
 use nalgebra::{DMatrix, DVector};
+use plant_sim::chain::{Chain, Sensor};
 use plant_sim::log::Log;
-use plant_sim::replay::Reader;
+use plant_sim::replay::{Reader, Start};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -77,9 +78,53 @@ pub(super) fn reader_of<'a>(
     index: usize,
     log: &'a Log,
 ) -> Reader<'a> {
+    let (chain, start) = at(bench, hypothesis, z, index);
+    Reader::new(&chain, log, &start)
+}
+
+/// Plant and start of log `index` at `z`.
+pub(super) fn at(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> (Chain, Start) {
     let chain = bench.chain_at(hypothesis, z, index);
     let start = bench.start_at(hypothesis, z, index, &chain);
-    Reader::new(&chain, log, &start)
+    (chain, start)
+}
+
+/// A plant beside another one, in lockstep.
+#[expect(clippy::large_enum_variant, reason = "a handful, each made once for a log")]
+pub(super) enum Beside<'a> {
+    /// Played for itself.
+    Played(Reader<'a>),
+    /// The same plant as the other one, read by another sensor: what that one saw is all that it takes.
+    Read(Sensor),
+}
+
+impl<'a> Beside<'a> {
+    /// `hypothesis` at `z` beside the plant and start `other`.
+    pub fn new(
+        bench: &Bench<'_>,
+        (hypothesis, z): (&Hypothesis, &[f64]),
+        index: usize,
+        log: &'a Log,
+        other: &(Chain, Start),
+    ) -> Self {
+        let (chain, start) = at(bench, hypothesis, z, index);
+        let has_one_clock = chain.sensor.clock_ratio == 0.0 && chain.sensor.clock_drift_per_s == 0.0;
+        if has_one_clock && start == other.1 && chain.differs_in_reading_only(&other.0) {
+            return Self::Read(chain.sensor);
+        }
+        Self::Played(Reader::new(&chain, log, &start))
+    }
+
+    /// Its next rows, where the other one's were `base` and saw `seen`.
+    pub fn predict(&mut self, record: &Record<'_>, base: &[f64], seen: &[(f64, f64)]) -> Vec<f64> {
+        match self {
+            Self::Played(reader) => predict(record, reader, seen.len()).0,
+            Self::Read(sensor) => {
+                let read = seen.iter().map(|&(displacement_m, time_s)| sensor.predictable_m(displacement_m, time_s));
+                read.chain(base[seen.len()..].iter().copied()).collect()
+            }
+        }
+    }
 }
 
 /// The chain of a log, and one for each of the log's coordinates a small step away, in lockstep.
@@ -89,7 +134,7 @@ pub(super) struct Lockstep<'a> {
     /// Rows that one row of the sensitivities stands for, and the base as they see it if that is not one.
     thin: usize,
     thinned: Option<Reader<'a>>,
-    moved: Vec<(Reader<'a>, f64)>,
+    moved: Vec<(Beside<'a>, f64)>,
 }
 
 /// Some rows of a log: what is predicted, what is left, and the derivatives of the prediction.
@@ -101,6 +146,8 @@ pub(super) struct Chunk {
     pub rows: usize,
     /// Prediction at the rows of the sensitivities; see [`predict`].
     pub base: Vec<f64>,
+    /// What the sensor made it of, and when; see [`Reader::before_reading`].
+    pub seen: Vec<(f64, f64)>,
     /// Derivatives of that by each coordinate.
     pub columns: Vec<Vec<f64>>,
     /// Which of these rows are fitted, ..
@@ -135,11 +182,12 @@ impl<'a> Lockstep<'a> {
             Sensitivities::None => Vec::new(),
             _ => bench.coordinates_of(hypothesis, index),
         };
+        let here = at(bench, hypothesis, z, index);
         let moved = coordinates.into_iter().map(|place| {
             let step = rules[place].inward_step(z[place]);
             let mut there = z.to_vec();
             there[place] += step;
-            (reader_of(bench, hypothesis, &there, index, log), step)
+            (Beside::new(bench, (hypothesis, &there), index, log, &here), step)
         });
         let thinned = (thin > 1).then(|| reader_of(bench, hypothesis, z, index, log));
         Self { record, base: reader(bench, hypothesis, z, index), thin, thinned, moved: moved.collect() }
@@ -152,7 +200,7 @@ impl<'a> Lockstep<'a> {
 
     /// The next `rows` rows, which begin at `from`.
     pub fn next(&mut self, from: usize, rows: usize) -> Chunk {
-        let predicted = predict(self.record, &mut self.base, rows);
+        let (predicted, seen) = predict(self.record, &mut self.base, rows);
         let thin_rows = rows / self.thin;
         let mut chunk = Chunk::default();
         let mut sums = vec![0.0; predicted.len() / rows * thin_rows];
@@ -169,13 +217,13 @@ impl<'a> Lockstep<'a> {
         }
         chunk.places = (0..sums.len()).filter(|place| counts[*place] == self.thin).collect();
         chunk.residuals_m = chunk.places.iter().map(|place| sums[*place]).collect();
-        chunk.base = match &mut self.thinned {
+        (chunk.base, chunk.seen) = match &mut self.thinned {
             Some(reader) => predict(self.record, reader, thin_rows),
-            None => predicted,
+            None => (predicted, seen),
         };
-        let base = &chunk.base;
-        let derivative = |(reader, step): &mut (Reader<'_>, f64)| {
-            let mut moved = predict(self.record, reader, thin_rows);
+        let (base, seen) = (&chunk.base, &chunk.seen);
+        let derivative = |(plant, step): &mut (Beside<'_>, f64)| {
+            let mut moved = plant.predict(self.record, base, seen);
             moved.iter_mut().zip(base).for_each(|(moved, p)| *moved = (*moved - p) / *step);
             moved
         };
@@ -184,15 +232,20 @@ impl<'a> Lockstep<'a> {
     }
 }
 
-/// What is predicted for the next rows: displacement and, where the log has a monitor, the drive behind it, as metres of equal weight.
-pub(super) fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize) -> Vec<f64> {
-    let Some(m_per_v) = record.monitor_m_per_v() else { return (0..rows).map(|_| reader.next_m()).collect() };
-    let mut predicted = vec![0.0; 2 * rows];
-    for k in 0..rows {
-        predicted[k] = reader.next_m();
-        predicted[rows + k] = m_per_v * reader.drive_v;
+/// What is predicted for the next rows: displacement and, where the log has a monitor, the drive behind it, as metres of equal weight; and
+/// what the sensor made each displacement of.
+fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize) -> (Vec<f64>, Vec<(f64, f64)>) {
+    let mut predicted = Vec::with_capacity(2 * rows);
+    let (mut drive_v, mut seen) = (Vec::with_capacity(rows), Vec::with_capacity(rows));
+    for _ in 0..rows {
+        predicted.push(reader.next_m());
+        drive_v.push(reader.drive_v);
+        seen.push(reader.before_reading);
     }
-    predicted
+    if let Some(m_per_v) = record.monitor_m_per_v() {
+        predicted.extend(drive_v.iter().map(|v| m_per_v * v));
+    }
+    (predicted, seen)
 }
 
 /// Places of what was predicted and their residuals, for the rows after `from` that are fitted: neither run-in nor held out.
@@ -307,6 +360,46 @@ mod tests {
         assert!((0..log.len()).any(|_| !reader.next_m().is_finite()), "the test needs a plant that runs away");
         let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::All, &AtomicUsize::new(0));
         assert_eq!(normal.rms_m(), RUN_AWAY_M);
+    }
+
+    /// What only the sensor makes of a displacement needs no plant of its own, and comes out the same to the last digit.
+    #[test]
+    fn a_plant_read_by_another_sensor_is_not_played_again() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let command_v: Vec<f64> = (0..3000).map(|k| 50.0 * (0.013 * f64::from(k)).sin()).collect();
+        let log = Log {
+            dt_s: 5e-5,
+            displacement_m: command_v.iter().map(|u| 1e-6 * u).collect(),
+            command_v,
+            ..Log::default()
+        };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let nominal = Hypothesis::nominal(Freedom::Rest);
+        let z = bench.origin(&nominal);
+        let here = at(&bench, &nominal, &z, 0);
+        let (base, seen) = predict(&bench.records[0], &mut Reader::new(&here.0, &log, &here.1), 3000);
+        let mut read = Vec::new();
+        for form in
+            plant_sim::effects::REGISTRY.iter().flat_map(|effect| effect.forms().iter().map(move |f| (*effect, f)))
+        {
+            let (effect, form) = form;
+            let hypothesis = nominal.with(effect, form, &bench.scales());
+            let mut z = bench.origin(&hypothesis);
+            let values: Vec<f64> = hypothesis.installed[0].axes.iter().map(|axis| axis.starts()[0]).collect();
+            bench.set_last(&hypothesis, &mut z, &values);
+            let mut beside = Beside::new(&bench, (&hypothesis, &z), 0, &log, &here);
+            if matches!(beside, Beside::Played(_)) {
+                continue;
+            }
+            let (chain, start) = at(&bench, &hypothesis, &z, 0);
+            let played = predict(&bench.records[0], &mut Reader::new(&chain, &log, &start), 3000).0;
+            assert_eq!(beside.predict(&bench.records[0], &base, &seen), played, "{} {}", effect.id(), form.name);
+            read.push((effect.id(), form.name));
+        }
+        for wanted in [("mains_hum", "50 Hz"), ("sensor_drift", "wander"), ("sensor_nonlinearity", "curve")] {
+            assert!(read.contains(&wanted), "{wanted:?} is played, though only the sensor knows of it");
+        }
     }
 
     #[test]

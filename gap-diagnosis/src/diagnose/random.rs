@@ -4,7 +4,7 @@
 //! units of the noise that the logs show, so no fit ever misses it.
 
 use super::bench::Bench;
-use super::events::Applied;
+use super::events::{Losses, Lost};
 use super::spread::Scattered;
 use plant_sim::effects::{Effect, Form, Role, find};
 use plant_sim::model::Model;
@@ -74,16 +74,20 @@ pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) 
 }
 
 /// Rows that repeat the reading before; `scattered` is what they leave.
-pub(super) fn lost(bench: &Bench<'_>, scattered: &Scattered) -> Option<Random> {
+pub(super) fn repeated(bench: &Bench<'_>, scattered: &Scattered) -> Option<Random> {
     let share = scattered.repeated_share;
     let rows: usize = bench.records.iter().map(|r| r.log.len() - r.run_in).sum();
     let sigma = (share / rows.max(1) as f64).sqrt();
     if share > 0.0 { random("lost_samples", "repeated", vec![share], vec![sigma], scattered.repeated_m2) } else { None }
 }
 
-/// Commands that never arrived.
-pub(super) fn held_commands(applied: &Applied) -> Option<Random> {
-    random("lost_samples", "held-command", vec![applied.share], vec![applied.sigma], applied.power_m2)
+/// Commands that never arrived, or readings that stayed.
+pub(super) fn lost(losses: &Losses) -> Option<Random> {
+    let form = match losses.lost {
+        Lost::Commands => "held-command",
+        Lost::Readings => "repeated",
+    };
+    random("lost_samples", form, vec![losses.share], vec![losses.sigma], losses.power_m2)
 }
 
 /// What was read from scatter, with the power that it accounts for.

@@ -5,13 +5,15 @@
 //! costs one simulation for each direction.
 
 use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
+use super::cycles;
 use super::descend::{Found, noise_weights};
-use super::normal::{CHUNK, Lockstep, Sensitivities, predict, reader_of};
+use super::lines::{lines, resonances};
+use super::normal::{Beside, CHUNK, Lockstep, Sensitivities, at};
 use super::plants::carry;
+use super::search::Remainder;
 use super::symmetry::symmetric;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::{Effect, Form, Kind, REGISTRY};
-use plant_sim::replay::Reader;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,6 +25,33 @@ const LEAST: f64 = 0.02;
 
 /// A line with more parameters than this has many harmonics.
 const MANY_HARMONICS: usize = 6;
+
+/// Places from which forms of free frequency or period start: where what a plant leaves has lines, peaks and cycles.
+pub struct Starts {
+    /// Lines of the remainder in Hz, strongest first.
+    pub line_hz: Vec<f64>,
+    /// Peaks of its spectrum in Hz.
+    pub resonance_hz: Vec<f64>,
+    /// Its periods over the displacement in metres.
+    pub period_m: Vec<f64>,
+    /// Its periods over the command in volts.
+    pub period_v: Vec<f64>,
+}
+
+impl Starts {
+    /// Starts in what a plant leaves of each log.
+    pub fn of(bench: &Bench<'_>, remainders: &[Remainder]) -> Self {
+        Self {
+            line_hz: lines(bench, remainders),
+            resonance_hz: resonances(bench, remainders),
+            period_m: cycles::over_displacement(bench, remainders),
+            period_v: cycles::over_command(bench, remainders),
+        }
+    }
+}
+
+/// The frequency of a second mode: starts at the peaks after the highest.
+const SECOND_MODE: &str = "second_natural_hz";
 
 /// A form at a start value, and what it could explain.
 #[derive(Clone)]
@@ -68,18 +97,16 @@ impl Block {
     }
 }
 
-/// Leads of all forms, the best of each form, most promising first.
-///
-/// `line_hz` and `resonance_hz` are frequencies at which the residual has lines and peaks: forms whose frequency is free start there.
+/// Leads of all forms, the best of each form, most promising first; forms whose frequency or period is free start at `starts`.
 pub fn screen(
     bench: &Bench<'_>,
     base: &Hypothesis,
     found: &Found,
-    [line_hz, resonance_hz]: [&[f64]; 2],
+    starts: &Starts,
     without: &[&str],
     simulations: &AtomicUsize,
 ) -> Vec<Lead> {
-    let blocks = blocks(bench, base, [line_hz, resonance_hz], without);
+    let blocks = blocks(bench, base, starts, without);
     let weights = noise_weights(bench);
     let size = found.z.len();
     let offsets: Vec<usize> = blocks
@@ -101,13 +128,14 @@ pub fn screen(
         let places = bench.coordinates_of(base, index);
         let mut nuisance = Lockstep::new(bench, base, &found.z, index, Sensitivities::Thinned);
         let thinned = bench.thinned[index].as_ref().map_or(record.log, |thinned| &thinned.log);
-        let mut directions: Vec<Reader<'_>> = blocks
+        let here = at(bench, base, &found.z, index);
+        let mut directions: Vec<Beside<'_>> = blocks
             .iter()
             .flat_map(|block| (0..block.columns()).map(move |column| (block, column)))
             .map(|(block, column)| {
                 let mut z = carry(bench, base, &found.z, bench, &block.hypothesis, true);
                 bench.set_last(&block.hypothesis, &mut z, &block.values_of(column));
-                reader_of(bench, &block.hypothesis, &z, index, thinned)
+                Beside::new(bench, (&block.hypothesis, &z), index, thinned, &here)
             })
             .collect();
         simulations.fetch_add(1 + places.len() + directions.len(), Ordering::Relaxed);
@@ -122,8 +150,8 @@ pub fn screen(
             let thin = nuisance.thin();
             let columns: Vec<Vec<f64>> = directions
                 .par_iter_mut()
-                .map(|reader| {
-                    let moved = predict(record, reader, rows / thin);
+                .map(|plant| {
+                    let moved = plant.predict(record, &chunk.base, &chunk.seen);
                     chunk.places.iter().map(|&at| moved[at] - chunk.base[at]).collect()
                 })
                 .collect();
@@ -223,7 +251,7 @@ fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option
     gain.is_finite().then_some((amplitudes, gain.max(0.0)))
 }
 
-fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]; 2], without: &[&str]) -> Vec<Block> {
+fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str]) -> Vec<Block> {
     let imitated = symmetric(bench);
     let scales = bench.scales();
     let mut blocks = Vec::new();
@@ -235,12 +263,15 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]
             let hypothesis = base.with(effect, form, &scales);
             let Some(installed) = hypothesis.installed.last() else { continue };
             let parameters: Vec<_> = installed.axes.iter().map(|axis| &axis.parameter).collect();
+            // Beside another effect every simulation costs more, and a mode that matters there stands out of the residual's spectrum.
+            let is_beside = !base.installed.is_empty();
             let amplitudes: Vec<usize> = (0..parameters.len()).filter(|&i| installed.axes[i].is_amplitude()).collect();
             let per_log = amplitudes.iter().any(|&i| parameters[i].per_log);
             let starts: Vec<Vec<f64>> = installed
                 .axes
                 .iter()
                 .map(|axis| {
+                    let Starts { line_hz, resonance_hz, period_m, period_v } = from;
                     let (is_line, is_second) =
                         (axis.parameter.name == "line_hz", axis.parameter.name == "second_line_hz");
                     let beside = parameters.iter().any(|other| other.name == "second_line_hz");
@@ -253,16 +284,25 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, [line_hz, resonance_hz]: [&[f64]
                     let is_resonance = axis.parameter.name == "natural_hz" && effect.id() == "vibration_mode";
                     // The strongest line need not be the fundamental.
                     let first = line_hz.first().map_or(Vec::new(), |hz| vec![*hz, hz / 2.0]);
+                    let with = |found: &[f64]| axis.starts().into_iter().chain(within(found)).collect();
                     if is_second {
                         within(line_hz.get(1..2).unwrap_or_default())
                     } else if is_line && (beside || is_rich) {
                         within(&first[..first.len().min(1 + usize::from(is_rich))])
                     } else if is_line {
                         within(line_hz)
-                    } else if is_resonance && amplitudes.len() > 1 {
+                    } else if is_resonance && parameters.iter().any(|other| other.name == SECOND_MODE) {
+                        within(resonance_hz.get(..1).unwrap_or_default())
+                    } else if axis.parameter.name == SECOND_MODE {
+                        within(resonance_hz.get(1..4).unwrap_or_default())
+                    } else if is_resonance && (amplitudes.len() > 1 || is_beside) {
                         within(resonance_hz)
                     } else if is_resonance {
-                        axis.starts().into_iter().chain(within(resonance_hz)).collect()
+                        with(resonance_hz)
+                    } else if ["period_m", "quantum_m"].contains(&axis.parameter.name) {
+                        with(period_m)
+                    } else if axis.parameter.name == "quantum_v" {
+                        with(period_v)
                     } else {
                         axis.starts()
                     }

@@ -2,10 +2,9 @@
 
 use super::bench::{Bench, Freedom, Hypothesis, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
-use super::lines::resonances;
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle, settle_anew};
-use super::screen::{Lead, screen};
+use super::screen::{Lead, Starts, screen};
 use crate::residual::samples_per_independent;
 use plant_sim::effects::{Effect, Form, Kind};
 use rand::{RngExt, SeedableRng};
@@ -157,6 +156,15 @@ impl Search<'_> {
         if total(&other) < total(&refit) { other } else { refit }
     }
 
+    /// The refit from `numbers`, where all starts settle anew; the better of both.
+    pub fn resettled(&self, refit: Candidate, numbers: &[f64]) -> Candidate {
+        let mut z = self.bench.origin(&refit.hypothesis);
+        z[..numbers.len()].copy_from_slice(numbers);
+        self.settle(&refit.hypothesis, &mut z);
+        let other = self.descend(&refit.hypothesis, z, &LAST_STAGES);
+        if total(&other) < total(&refit) { other } else { refit }
+    }
+
     /// `base` with the form of `lead`, fitted from there.
     pub fn extend(&self, base: &Candidate, lead: &Lead, from_nominal: bool) -> Candidate {
         let hypothesis = base.hypothesis.with(lead.effect, lead.form, &self.bench.scales());
@@ -264,16 +272,8 @@ impl Search<'_> {
         self.bench.records.iter().zip(self.play(candidate)).map(weight).collect()
     }
 
-    /// Screens the registry for what `candidate` leaves; forms whose frequency is free start where the remainder has lines and peaks.
-    pub fn screen(
-        &self,
-        candidate: &Candidate,
-        remainders: &[Remainder],
-        line_hz: &[f64],
-        without: &[&str],
-    ) -> Vec<Lead> {
-        let resonance_hz = resonances(self.bench, remainders);
-        let starts = [line_hz, &resonance_hz];
+    /// Screens the registry for what `candidate` leaves.
+    pub fn screen(&self, candidate: &Candidate, starts: &Starts, without: &[&str]) -> Vec<Lead> {
         screen(self.bench, &candidate.hypothesis, &candidate.found, starts, without, self.simulations)
     }
 }

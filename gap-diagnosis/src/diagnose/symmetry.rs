@@ -12,6 +12,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// A time constant below this many samples is instant.
 const INSTANT: f64 = 0.05;
+/// Chi-square that speaks for an offset against what shifts the displacement in the same way and is rarer: three to one.
+const RARER: f64 = 2.2;
 /// A direction explains a good part of a move if it leaves less than this of it.
 const GOOD_PART: f64 = 0.75;
 
@@ -66,12 +68,14 @@ pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
             free_one(&information, &gradient, &z, &prior, &direction).map(|(along, sigma, cost, cost_without)| {
-                let (value, value_sigma) = match bench.free.iter().find(|free| free.quantity == Quantity::Offset) {
-                    Some(free) if effect == "sensor_offset" => {
+                let offset = bench.free.iter().zip(&direction).find(|(free, _)| free.quantity == Quantity::Offset);
+                let (value, value_sigma) = match offset {
+                    Some((free, &is_moved)) if is_moved != 0.0 => {
                         (free.at(along) - free.prior, free.number_sigma(along, sigma))
                     }
                     _ => (along.exp_m1(), along.exp() * sigma),
                 };
+                let cost = if effect == "asymmetric_hysteresis" { cost + RARER } else { cost };
                 Freed { effect, quantity, along, sigma, value, value_sigma, cost, cost_without }
             })
         })
@@ -167,10 +171,14 @@ pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantit
     }
     for free in bench.free.iter().filter(|free| is_seen(bench, free.quantity)) {
         let alone = along(&|q| f64::from(u8::from(q == free.quantity)));
-        all.push(match free.quantity {
-            Quantity::Offset => ("sensor_offset", None, alone),
-            wrong => ("parameter_error", Some(wrong), alone),
-        });
+        match free.quantity {
+            // A hysteron that turns back about another voltage than zero pulls with a constant force.
+            Quantity::Offset => {
+                all.push(("sensor_offset", None, alone.clone()));
+                all.push(("asymmetric_hysteresis", None, alone));
+            }
+            wrong => all.push(("parameter_error", Some(wrong), alone)),
+        }
     }
     all
 }

@@ -20,6 +20,8 @@ pub struct Drive {
     pub delay_s: f64,
     /// Step of the converter in volts; zero for none.
     pub quantum_v: f64,
+    /// The converter drops what is below its last bit instead of rounding.
+    pub is_truncating: bool,
     /// Gain relative to the nominal amplifier.
     pub gain: f64,
     /// s in u (1 + s sign(u)): an output stage for each polarity, of a gain of its own.
@@ -95,6 +97,7 @@ impl Drive {
         slope_beyond: 0.0,
         delay_s: 0.0,
         quantum_v: 0.0,
+        is_truncating: false,
         gain: 1.0,
         gain_skew: 0.0,
         gain_growth_per_v: 0.0,
@@ -109,8 +112,12 @@ impl Drive {
     /// Volts that the amplifier strives for on a command that has passed the delay: everything of the drive that has no memory.
     #[inline]
     pub fn output_v(&self, command_v: f64) -> f64 {
-        let converted_v =
-            if self.quantum_v > 0.0 { (command_v / self.quantum_v).round() * self.quantum_v } else { command_v };
+        let converted_v = if self.quantum_v > 0.0 {
+            let codes = command_v / self.quantum_v;
+            self.quantum_v * if self.is_truncating { codes.floor() } else { codes.round() }
+        } else {
+            command_v
+        };
         let magnitude_v = converted_v.abs();
         let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * magnitude_v) + self.gain_skew * magnitude_v;
         let wanted_v = self.gain * amplified_v * (1.0 + self.curvature_per_v * amplified_v);

@@ -22,7 +22,7 @@ mod waveform;
 pub use drive::{Arrivals, Drive, Heat, Warming};
 pub use lag::Lag;
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
-pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState, Settling};
+pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState, Settling, Stairs};
 pub use transducer::DriveHysteresis;
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
@@ -57,6 +57,14 @@ pub struct Chain {
 }
 
 impl Chain {
+    /// Whether the displacement behind play and lag, and the clock, are those of `other`: only what the reading makes of it differs.
+    pub fn differs_in_reading_only(&self, other: &Chain) -> bool {
+        self.drive == other.drive
+            && self.plant == other.plant
+            && self.parts == other.parts
+            && self.sensor.before_reading() == other.sensor.before_reading()
+    }
+
     /// Where the structure rests under a drive of `drive_v` at the actuator while hysterons hold their voltages, in metres.
     pub fn equilibrium_m(&self, drive_v: f64, hysteron_v: &[f64]) -> f64 {
         let missing_n = self.parts.transducer.as_ref().map_or(0.0, |part| part.rest_n(drive_v));
@@ -312,6 +320,11 @@ impl Simulator {
     /// What the sensor predictably reads at the present sample's start, in metres.
     pub fn reading_m(&self) -> f64 {
         self.readout.reading_m()
+    }
+
+    /// What the sensor turns into that reading, in metres, and when, in seconds since the start: behind play and lag.
+    pub fn before_reading(&self) -> (f64, f64) {
+        (self.readout.before_reading_m(), self.readout.time_s())
     }
 
     fn seen_m(&self) -> f64 {

@@ -108,6 +108,11 @@ pub enum Force {
         /// k3 in N/m^3.
         cubic_n_per_m3: f64,
     },
+    /// k4 q^4: an elastic force, energy k4 q^5/5.
+    Fourth {
+        /// k4 in N/m^4.
+        fourth_n_per_m4: f64,
+    },
     /// k5 q^5: an elastic force, energy k5 q^6/6.
     Fifth {
         /// k5 in N/m^5.
@@ -117,6 +122,15 @@ pub enum Force {
     OneSided {
         /// Additional stiffness in N/m.
         stiffness_n_per_m: f64,
+    },
+    /// A further spring that engages around `at_m` over a width w: k (x + (x^2 + w^2)^(1/2)) / 2 of x = q - `at_m`, less its value at q = 0.
+    Gradual {
+        /// Additional stiffness in N/m.
+        stiffness_n_per_m: f64,
+        /// Where half of it acts, in metres.
+        at_m: f64,
+        /// w in metres, > 0.
+        width_m: f64,
     },
     /// Coulomb friction with presliding (Dahl 1968): z' = v (1 - z sign(v)), F = Fc z(q / presliding).
     Presliding {
@@ -143,6 +157,16 @@ pub enum Force {
         /// m.
         exponent: f64,
     },
+    /// Contact with a soft or a round body (Hertz 1882 for p = 3/2): k d (x/d)^p of the depth x beyond `at_m`, an elastic force, energy
+    /// k d^2 (x/d)^(p+1) / (p+1), with d a tenth of the way to it.
+    Pad {
+        /// Where contact begins, in metres; its sign says on which side.
+        at_m: f64,
+        /// k in N/m, of a straight spring with the same force at the depth d.
+        stiffness_n_per_m: f64,
+        /// p, > 0.
+        exponent: f64,
+    },
     /// Elastic contact beyond `at_m` (towards positive displacement if it is positive): energy k x^2/2 of the depth x.
     Stop {
         /// Where contact begins, in metres; its sign says on which side.
@@ -151,6 +175,9 @@ pub enum Force {
         stiffness_n_per_m: f64,
     },
 }
+
+/// Depth at which a pad's force is that of a straight spring, as a share of the way to it.
+pub(super) const PAD_DEPTH: f64 = 0.1;
 
 /// An oscillator besides the plant's own.
 #[derive(Clone, Copy, Debug, PartialEq)]

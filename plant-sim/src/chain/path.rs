@@ -98,7 +98,7 @@ impl Quadrature {
         for force in forces {
             match *force {
                 Force::OneSided { .. } => quadrature.thresholds_m.push(0.0),
-                Force::Stop { at_m, .. } => quadrature.thresholds_m.push(at_m),
+                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } => quadrature.thresholds_m.push(at_m),
                 Force::Presliding { presliding_m, .. } => {
                     quadrature.presliding_m = quadrature.presliding_m.min(presliding_m.max(1e-15));
                 }

@@ -4,6 +4,7 @@
 //! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
 //! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
+use super::parts::PAD_DEPTH;
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
 use std::f64::consts::TAU;
@@ -33,10 +34,20 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
             q.powi(3) * (quadratic_n_per_m2 / 3.0 + cubic_n_per_m3 / 4.0 * q)
         }
+        Force::Fourth { fourth_n_per_m4 } => fourth_n_per_m4 / 5.0 * q.powi(5),
         Force::Fifth { fifth_n_per_m5 } => fifth_n_per_m5 / 6.0 * q.powi(6),
         Force::OneSided { stiffness_n_per_m } => 0.5 * stiffness_n_per_m * q.max(0.0).powi(2),
+        Force::Gradual { stiffness_n_per_m, at_m, width_m: w } => {
+            let rounded = |x: f64| 0.5 * (x * x.hypot(w) + w * w * (x / w).asinh());
+            0.5 * stiffness_n_per_m * (0.5 * q * q + rounded(q - at_m) - rounded(-at_m) - at_m.hypot(w) * q)
+        }
         Force::Stop { at_m, stiffness_n_per_m } => {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
+        }
+        Force::Pad { at_m, stiffness_n_per_m, exponent } => {
+            let depth_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
+            let depth = ((q - at_m) * at_m.signum()).max(0.0) / depth_m;
+            stiffness_n_per_m * depth_m.powi(2) * depth.powf(exponent + 1.0) / (exponent + 1.0)
         }
         Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
         // h h'/A = h q' less what is turned into heat.
@@ -70,7 +81,12 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         Force::Power { force_n, reference_m_per_s, exponent } => {
             force_n * (w.abs() / reference_m_per_s).powf(exponent) * w.abs()
         }
-        Force::Spring { .. } | Force::Fifth { .. } | Force::OneSided { .. } | Force::Stop { .. } => 0.0,
+        Force::Spring { .. }
+        | Force::Fourth { .. }
+        | Force::Fifth { .. }
+        | Force::OneSided { .. }
+        | Force::Gradual { .. } => 0.0,
+        Force::Stop { .. } | Force::Pad { .. } => 0.0,
     };
     let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(friction).sum();
     let modes: f64 =

@@ -119,8 +119,13 @@ impl Readout {
     /// The reading at this sample.
     #[inline]
     pub(super) fn reading_m(&self) -> f64 {
-        let seen_m = if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m };
-        self.sensor.predictable_m(seen_m, self.time_s())
+        self.sensor.predictable_m(self.before_reading_m(), self.time_s())
+    }
+
+    /// What that reading is made of.
+    #[inline]
+    pub(super) fn before_reading_m(&self) -> f64 {
+        if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m }
     }
 
     /// When this sample is, from the start on.

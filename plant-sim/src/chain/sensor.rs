@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, cycles, drift, lines; then jitter, noise, quantisation and
+/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, cycles, drift, lines, stairs; then jitter, noise, quantisation and
 /// repeated samples, which no simulation can predict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
@@ -33,6 +33,8 @@ pub struct Sensor {
     pub drifts: Vec<Drift>,
     /// Lines that reach the reading and not the structure.
     pub lines: Vec<Line>,
+    /// Stairs of a converter inside the instrument: noise comes after them, so that no lattice is left to see.
+    pub stairs: Option<Stairs>,
     /// White noise, rms in metres.
     pub noise_m: f64,
     /// Noise that a first-order low-pass has made slow, rms in metres, and its time constant.
@@ -90,6 +92,15 @@ pub struct Cycle {
     pub sin_m: f64,
 }
 
+/// at + Q round((y - at) / Q).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stairs {
+    /// Q in metres, > 0.
+    pub step_m: f64,
+    /// One of its codes, in metres of the reading.
+    pub at_m: f64,
+}
+
 /// cos_m cos(w t) + sin_m sin(w t), t from the log's start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -116,6 +127,7 @@ impl Sensor {
         cycles: Vec::new(),
         drifts: Vec::new(),
         lines: Vec::new(),
+        stairs: None,
         noise_m: 0.0,
         slow_noise_m: 0.0,
         slow_noise_s: 0.0,
@@ -125,6 +137,12 @@ impl Sensor {
         clock_ratio: 0.0,
         clock_drift_per_s: 0.0,
     };
+
+    /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag and clock are left.
+    pub fn before_reading(&self) -> Sensor {
+        let Sensor { play_m, drag_s, lag, clock_ratio, clock_drift_per_s, .. } = *self;
+        Sensor { play_m, drag_s, lag, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
+    }
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
     pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
@@ -151,7 +169,10 @@ impl Sensor {
             let (sin, cos) = (std::f64::consts::TAU * line.hz * time_s).sin_cos();
             reading_m += line.cos_m * cos + line.sin_m * sin;
         }
-        reading_m
+        match self.stairs {
+            Some(Stairs { step_m, at_m }) => at_m + step_m * ((reading_m - at_m) / step_m).round(),
+            None => reading_m,
+        }
     }
 }
 

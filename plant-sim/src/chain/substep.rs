@@ -9,6 +9,7 @@
 
 use super::lag::Moments;
 use super::leak::Leak;
+use super::parts::PAD_DEPTH;
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
@@ -93,11 +94,19 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
         .forces
         .iter()
         .map(|force| match *force {
+            Force::Fourth { fourth_n_per_m4 } => 4.0 * fourth_n_per_m4.abs() * stroke_m.powi(3),
             Force::Fifth { fifth_n_per_m5 } => 5.0 * fifth_n_per_m5.abs() * stroke_m.powi(4),
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
                 2.0 * quadratic_n_per_m2.abs() * stroke_m + 3.0 * cubic_n_per_m3.abs() * stroke_m * stroke_m
             }
-            Force::OneSided { stiffness_n_per_m } | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
+            Force::OneSided { stiffness_n_per_m }
+            | Force::Gradual { stiffness_n_per_m, .. }
+            | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
+            Force::Pad { at_m, stiffness_n_per_m, exponent } => {
+                let unit_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
+                let deepest = ((stroke_m - at_m.abs()) / unit_m).clamp(1.0, 1.0 / PAD_DEPTH);
+                exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
+            }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
             Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
@@ -355,14 +364,24 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> 
     for (force, &z) in forces.iter().zip(slid) {
         sum_n += match *force {
             Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => q * q * (quadratic_n_per_m2 + cubic_n_per_m3 * q),
+            Force::Fourth { fourth_n_per_m4 } => fourth_n_per_m4 * q.powi(4),
             Force::Fifth { fifth_n_per_m5 } => fifth_n_per_m5 * q.powi(5),
             // A spring that would pull the mass away must not outdo the plant's own.
             Force::OneSided { stiffness_n_per_m } => stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m) * q.max(0.0),
+            Force::Gradual { stiffness_n_per_m, at_m, width_m } => {
+                let half_n_per_m = 0.5 * stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m);
+                half_n_per_m * (q + (q - at_m).hypot(width_m) - at_m.hypot(width_m))
+            }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
             Force::BoucWen(law) => law.after(z, by_m),
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
                 stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
+            }
+            Force::Pad { at_m, stiffness_n_per_m, exponent } => {
+                let depth_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
+                let depth = ((q - at_m) * at_m.signum()).max(0.0) / depth_m;
+                stiffness_n_per_m * depth_m * depth.powf(exponent) * at_m.signum()
             }
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         };

@@ -11,6 +11,8 @@ use std::collections::VecDeque;
 /// The drive's state.
 pub(super) struct Waveform {
     drive: Drive,
+    /// Its output changes with the command alone.
+    is_flat: bool,
     delay_s: f64,
     sample_s: f64,
     /// Commands on their way and the sample each was given in, the oldest first.
@@ -27,6 +29,7 @@ impl Waveform {
     pub(super) fn new(drive: &Drive, sample_s: f64, delay_s: f64) -> Self {
         let mut waveform = Self {
             drive: drive.clone(),
+            is_flat: !drive.has_memory(),
             delay_s,
             sample_s,
             underway: VecDeque::new(),
@@ -64,12 +67,15 @@ impl Waveform {
 
     /// The output between `from_s` and `from_s + duration_s` of the present sample: volts, slope and second derivative at its start.
     pub(super) fn parabola(&mut self, from_s: f64, duration_s: f64) -> [f64; 3] {
+        // A held command behind a drive without memory is a constant until the next one arrives.
+        if self.is_flat && self.acting.slope_v_per_s == 0.0 && self.arrival_s(from_s) >= duration_s {
+            self.age_s += duration_s;
+            return [self.now_v(), 0.0, 0.0];
+        }
         let mut sum = Moments::default();
         let mut done_s = 0.0;
         loop {
-            let arrival_s = self.underway.front().map_or(f64::INFINITY, |(given, _)| {
-                self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s
-            });
+            let arrival_s = self.arrival_s(from_s);
             // A command that comes within rounding of a sub-step's start comes at its start.
             if arrival_s <= done_s + 1e-9 * duration_s {
                 if let Some((_, held)) = self.underway.pop_front() {
@@ -88,6 +94,12 @@ impl Waveform {
         // Rounding leaves slopes of 1e-13 of a held value, which would only cost the engine its fast path.
         let flat = (slope.abs() + curve.abs() * duration_s) * duration_s <= 1e-12 * start_v.abs();
         if flat { [start_v, 0.0, 0.0] } else { [start_v, slope, curve] }
+    }
+
+    /// When the next command arrives, from `from_s` of the present sample on.
+    fn arrival_s(&self, from_s: f64) -> f64 {
+        let after = |given: u64| self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s;
+        self.underway.front().map_or(f64::INFINITY, |(given, _)| after(*given))
     }
 
     /// The acting command over `duration_s`, which begins `at_s` into the sub-step.

@@ -10,14 +10,15 @@ const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
-               for v > 0 and smaller for v < 0; or a drive u (1 + c u). C: capacitance, v: voltage of the hysteron, \
-               alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: drive, c: curvature",
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u); or a dead zone about \
+               m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage of the hysteron, \
+               alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: drive, c: curvature, k: stiffness",
     source: "that the hysteresis of ceramics is asymmetric: Wei 2014 (Precision Engineering 38), arXiv 2412.08332; \
              these forms and their size assumed",
     typical: "even part 1 to 5 % of the stroke",
     installs: "a skew of capacitances or slopes, or an even term of the drive",
     signature: "even harmonics that show a loop; the two ends of the loop differ",
-    rivals: &["extra_hysteron", "asymmetric_stiffness", "sensor_nonlinearity"],
+    rivals: &["extra_hysteron", "asymmetric_stiffness", "sensor_nonlinearity", "sensor_offset"],
     experiment: "slow loops about zero, then stairs to either end and back: the skew belongs to the direction of the \
                  drive, the curvature of a sensor or of a spring to the place",
     spec: "minor-loops:60V@1Hz+ladder:60V/30,hold=0.05s+ladder:-60V/30,hold=0.05s",
@@ -27,7 +28,14 @@ fn skew(_: &Scales<'_>) -> Vec<Parameter> {
     vec![Parameter::signed("skew", "", 0.9, 0.05)]
 }
 
+/// A dead zone from m - d/2 to m + d/2 is one about zero for v - m, and what is left is the constant force alpha m: exactly an offset of the
+/// reading by alpha m / k, with k the stiffness. No log tells the two apart.
+fn off_centre(scales: &Scales<'_>) -> Vec<Parameter> {
+    vec![Parameter::signed("shift_m", "m", 0.5 * scales.stroke_m, 0.01 * scales.stroke_m)]
+}
+
 const FORMS: &[Form] = &[
+    Form::predictable("off-centre", off_centre, |chain, p| chain.sensor.offset_m += p[0]),
     Form::predictable("capacitance", skew, |chain, p| bend_all(chain, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-first", skew, |chain, p| bend(chain, 0, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-second", skew, |chain, p| bend(chain, 1, BendLaw::CapacitanceSkew(p[0]))),

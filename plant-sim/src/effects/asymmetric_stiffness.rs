@@ -8,8 +8,9 @@ effect!(AsymmetricStiffness, "asymmetric_stiffness", Structure);
 const ABOUT: About = About {
     title: "asymmetric stiffness",
     what: "The structure is stiffer in one direction than in the other: a preloaded stack, a bent flexure.",
-    equation: "F = k q + k2 q^2, energy k q^2/2 + k2 q^3/3; or F = (k + ks) q for q > 0. F: force of the spring, q: \
-               displacement, k: stiffness, k2: quadratic stiffness, ks: additional stiffness on the positive side",
+    equation: "F = k q + k2 q^2, energy k q^2/2 + k2 q^3/3, or with the next even power; or F = (k + ks) q for q > 0, at once or over a width. F: force of \
+               the spring, q: displacement, k: stiffness, k2: quadratic stiffness, ks: additional stiffness on the \
+               positive side",
     source: "common form, size assumed",
     typical: "stiffness 1 to 10 % different at both ends",
     installs: "an elastic force on the mass",
@@ -41,6 +42,31 @@ fn add_one_sided(chain: &mut Chain, stiffness_n_per_m: f64) {
 const FORMS: &[Form] = &[
     Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| add_quadratic(chain, p[0])),
     Form::predictable("one-sided", |scales| vec![one_sided(scales)], |chain, p| add_one_sided(chain, p[0])),
+    Form::predictable(
+        "quadratic-and-fourth",
+        |scales| {
+            let unit = scales.plant.stiffness_n_per_m / scales.stroke_m.powi(3);
+            vec![quadratic(scales), Parameter::signed("fourth_n_per_m4", "N/m^4", 0.4 * unit, 0.02 * unit)]
+        },
+        |chain, p| {
+            add_quadratic(chain, p[0]);
+            chain.parts.forces.push(Force::Fourth { fourth_n_per_m4: p[1] });
+        },
+    ),
+    Form::predictable(
+        "gradual",
+        |scales| {
+            let stroke_m = scales.stroke_m;
+            let shares = |all: [f64; 3]| all.map(|share| share * stroke_m).to_vec();
+            let at = Parameter::place("at_m", "m", [-0.6 * stroke_m, 0.6 * stroke_m], shares([-0.3, 0.0, 0.3]));
+            let width = Parameter::shape("width_m", "m", [0.01 * stroke_m, 2.0 * stroke_m], vec![0.2 * stroke_m]);
+            vec![one_sided(scales), at, width]
+        },
+        |chain, p| {
+            let [stiffness_n_per_m, at_m, width_m] = [p[0], p[1], p[2]];
+            chain.parts.forces.push(Force::Gradual { stiffness_n_per_m, at_m, width_m });
+        },
+    ),
     Form::predictable(
         "both",
         |scales| vec![quadratic(scales), one_sided(scales)],

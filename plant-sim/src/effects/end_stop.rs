@@ -1,6 +1,6 @@
 //! End stop: something touches at the end of the travel.
 
-use super::{About, Form, Parameter, Scales};
+use super::{About, Form, Parameter, Role, Scales};
 use crate::chain::{Chain, Force};
 
 effect!(EndStop, "end_stop", Structure);
@@ -8,9 +8,10 @@ effect!(EndStop, "end_stop", Structure);
 const ABOUT: About = About {
     title: "end stop",
     what: "Beyond some displacement the mover touches a stop that pushes back.",
-    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; F: force of the contact, kc: its \
-               stiffness, q: displacement, g: where it begins",
-    source: "common form, size assumed",
+    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; or F = kc d ((q - g) / d)^p, a round or \
+               soft body; F: force of the contact, kc: its stiffness, q: displacement, g: where it begins, d: g / 10, \
+               p: exponent",
+    source: "common form, size assumed; p = 3/2: Hertz 1882",
     typical: "a tenth to several times the plant's stiffness, at the last tenth of the travel",
     installs: "a contact force on the mass",
     signature: "nothing below a displacement, above it less travel; fast motion rings when it touches",
@@ -30,11 +31,11 @@ fn travel_m(scales: &Scales<'_>, side: f64) -> f64 {
 }
 
 /// Place of the contact on one side and its stiffness.
-fn one(scales: &Scales<'_>, side: f64) -> Vec<Parameter> {
+fn one(scales: &Scales<'_>, side: f64) -> [Parameter; 2] {
     let at = |share: f64| side * share * travel_m(scales, side);
     let mut bounds = BOUNDS.map(at);
     bounds.sort_by(f64::total_cmp);
-    vec![Parameter::place("at_m", "m", bounds, STARTS.map(at).to_vec()), stiffness(scales)]
+    [Parameter::place("at_m", "m", bounds, STARTS.map(at).to_vec()), stiffness(scales)]
 }
 
 fn stiffness(scales: &Scales<'_>) -> Parameter {
@@ -46,9 +47,43 @@ fn stop(chain: &mut Chain, at_m: f64, stiffness_n_per_m: f64) {
     chain.parts.forces.push(Force::Stop { at_m, stiffness_n_per_m });
 }
 
+/// A stop whose force grows as a power of the depth.
+fn soft(scales: &Scales<'_>, side: f64) -> Vec<Parameter> {
+    let [place, stiffness] = few(scales, side);
+    vec![place, stiffness, Parameter::shape("exponent", "", [0.5, 4.0], vec![1.5])]
+}
+
+/// The same with few starts: the straight stop tells where.
+fn few(scales: &Scales<'_>, side: f64) -> [Parameter; 2] {
+    let [place, stiffness] = one(scales, side);
+    let starts = [0.6, 0.85].map(|share| side * share * travel_m(scales, side)).to_vec();
+    [Parameter { role: Role::Place(starts), ..place }, stiffness]
+}
+
+fn pad(chain: &mut Chain, p: &[f64]) {
+    chain.parts.forces.push(Force::Pad { at_m: p[0], stiffness_n_per_m: p[1], exponent: p[2] });
+}
+
 const FORMS: &[Form] = &[
-    Form::predictable("upper", |scales| one(scales, 1.0), |chain, p| stop(chain, p[0], p[1])),
-    Form::predictable("lower", |scales| one(scales, -1.0), |chain, p| stop(chain, p[0], p[1])),
+    Form::predictable("upper", |scales| one(scales, 1.0).to_vec(), |chain, p| stop(chain, p[0], p[1])),
+    Form::predictable("lower", |scales| one(scales, -1.0).to_vec(), |chain, p| stop(chain, p[0], p[1])),
+    Form::predictable("upper-pad", |scales| soft(scales, 1.0), pad),
+    Form::predictable("lower-pad", |scales| soft(scales, -1.0), pad),
+    Form::predictable(
+        "each-side",
+        |scales| {
+            let rename = |side, names: [&'static str; 2]| {
+                let [place, stiffness] = few(scales, side);
+                [Parameter { name: names[0], ..place }, Parameter { name: names[1], ..stiffness }]
+            };
+            let upper = rename(1.0, ["upper_at_m", "upper_stiffness_n_per_m"]);
+            upper.into_iter().chain(rename(-1.0, ["lower_at_m", "lower_stiffness_n_per_m"])).collect()
+        },
+        |chain, p| {
+            stop(chain, p[0], p[1]);
+            stop(chain, p[2], p[3]);
+        },
+    ),
     Form::predictable(
         "both",
         |scales| {

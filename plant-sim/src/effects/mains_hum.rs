@@ -10,12 +10,12 @@ const ABOUT: About = About {
     title: "mains hum",
     what: "The mains reach the reading, at their frequency and its harmonics.",
     equation: "y = q + sum over h = 1 .. 5 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, \
-               f: 50 or 60 Hz exactly, t: time since the log's start, a_h and b_h: of each log, since nothing ties \
+               f: 50 or 60 Hz, exactly or within 2 %, t: time since the log's start, a_h and b_h: of each log, since nothing ties \
                their phase to the log's start",
     source: "common form, size assumed",
     typical: "1 to 50 nm",
     installs: "lines of the sensor",
-    signature: "lines at multiples of exactly 50 or 60 Hz that are not tied to the drive",
+    signature: "lines at multiples of 50 or 60 Hz that are not tied to the drive",
     rivals: &["periodic_force", "noise_excess"],
     experiment: "10 s at zero input: lines at exact multiples of the mains' frequency; run the sensor from a battery \
                  to be sure",
@@ -41,7 +41,15 @@ fn hum(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
     }
 }
 
+/// Mains of a grid that is not held tightly, or read by a clock that is off.
+fn near(mains_hz: f64, scales: &Scales<'_>) -> Vec<Parameter> {
+    let hz = Parameter::shape("mains_hz", "Hz", [0.98 * mains_hz, 1.02 * mains_hz], vec![mains_hz]);
+    std::iter::once(hz).chain(parameters(scales)).collect()
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("50 Hz", parameters, |chain, p| hum(chain, 50.0, p)),
     Form::predictable("60 Hz", parameters, |chain, p| hum(chain, 60.0, p)),
+    Form::predictable("about 50 Hz", |scales| near(50.0, scales), |chain, p| hum(chain, p[0], &p[1..])),
+    Form::predictable("about 60 Hz", |scales| near(60.0, scales), |chain, p| hum(chain, p[0], &p[1..])),
 ];

@@ -49,6 +49,15 @@ const HARMONICS: [[&str; 2]; 6] = [
     ["cos_6_n", "sin_6_n"],
 ];
 
+/// A line whose size and phase change within a log, as five lines around it.
+const BAND: [[&str; 2]; 5] = [
+    ["cos_lowest_n", "sin_lowest_n"],
+    ["cos_lower_n", "sin_lower_n"],
+    ["cos_n", "sin_n"],
+    ["cos_upper_n", "sin_upper_n"],
+    ["cos_uppermost_n", "sin_uppermost_n"],
+];
+
 const FORMS: &[Form] = &[
     Form::predictable(
         "line",
@@ -76,6 +85,22 @@ const FORMS: &[Form] = &[
         |chain, p| {
             for (i, phasor) in p[1..].chunks_exact(2).enumerate() {
                 add(chain, p[0] * (i + 1) as f64, phasor[0], phasor[1]);
+            }
+        },
+    ),
+    Form::predictable(
+        "broadened-line",
+        |scales| {
+            let longest_s = scales.longest_s;
+            let bounds = [0.45 * longest_s, 2.0 * longest_s];
+            let length = Parameter::shape("length_s", "s", bounds, vec![longest_s]);
+            let phasors = BAND.into_iter().flat_map(|names| amplitudes(scales, names));
+            [hz(scales), length].into_iter().chain(phasors).collect()
+        },
+        |chain, p| {
+            for (side, phasor) in (-2..=2).zip(p[2..].chunks_exact(2)) {
+                // Lines closer to zero than the line itself would stand for another one.
+                add(chain, (p[0] + f64::from(side) / p[1]).max(0.1 * p[0]), phasor[0], phasor[1]);
             }
         },
     ),

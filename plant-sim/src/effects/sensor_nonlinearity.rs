@@ -8,7 +8,8 @@ effect!(SensorNonlinearity, "sensor_nonlinearity", Sensor);
 const ABOUT: About = About {
     title: "sensor nonlinearity",
     what: "The reading is a slightly bent function of the displacement, the same at every rate.",
-    equation: "y = q + c2 q^2 + c3 q^3, or y = q + a cos(2 pi q / p) + b sin(2 pi q / p) (cyclic); q: displacement, y: \
+    equation: "y = q + c2 q^2 + c3 q^3, or y = q + a cos(2 pi q / p) + b sin(2 pi q / p) (cyclic), \
+               or any smooth curve: both, p a little more than the range and its first fractions; q: displacement, y: \
                reading, c2 and c3: coefficients, a, b and p: amplitudes and period",
     source: "PI E-727 manual (the controller corrects a sensor polynomial up to the fourth order); size assumed",
     typical: "0.01 to 1 % of the stroke",
@@ -43,10 +44,31 @@ fn curve(chain: &mut Chain, quadratic_per_m: f64, cubic_per_m2: f64) {
 /// Periods from which a search starts: a score test resolves about an octave.
 const N_PERIODS: usize = 7;
 
+/// Waves over a little more than the whole range, a fraction of it, and so on.
+const WAVES: [&str; 6] = ["cos_1_m", "sin_1_m", "cos_2_m", "sin_2_m", "cos_3_m", "sin_3_m"];
+
 const FORMS: &[Form] = &[
     Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| curve(chain, p[0], 0.0)),
     Form::predictable("cubic", |scales| vec![cubic(scales)], |chain, p| curve(chain, 0.0, p[0])),
     Form::predictable("both", |scales| vec![quadratic(scales), cubic(scales)], |chain, p| curve(chain, p[0], p[1])),
+    Form::predictable(
+        "curve",
+        |scales| {
+            let wave = |name| Parameter::signed(name, "m", 0.1 * scales.stroke_m, 1e-3 * scales.stroke_m);
+            let period_m = 2.2 * scales.stroke_m;
+            let period = Parameter::shape("period_m", "m", [0.9 * period_m, 1.3 * period_m], vec![period_m]);
+            [period, quadratic(scales), cubic(scales)].into_iter().chain(WAVES.map(wave)).collect()
+        },
+        |chain, p| {
+            curve(chain, p[1], p[2]);
+            for (waves, wave) in (1..).zip(p[3..].chunks_exact(2)) {
+                // The reading at zero is the offset's business.
+                chain.sensor.offset_m -= wave[0];
+                let period_m = p[0] / f64::from(waves);
+                chain.sensor.cycles.push(Cycle { period_m, cos_m: wave[0], sin_m: wave[1] });
+            }
+        },
+    ),
     Form::predictable(
         "cyclic",
         |scales| {

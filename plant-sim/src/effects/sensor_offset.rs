@@ -15,7 +15,7 @@ const ABOUT: About = About {
     typical: "0.1 to 1 % of the range",
     installs: "an offset of the sensor",
     signature: "a residual that is constant through every log and the same in all of them",
-    rivals: &["sensor_drift", "initial_state"],
+    rivals: &["sensor_drift", "initial_state", "asymmetric_hysteresis"],
     experiment: "several logs from different pasts: an offset is the same in all, a hysteretic rest position isn't",
     spec: "minor-loops:60V@2Hz+zero@2s+ladder:-60V/2,hold=1s+zero@2s",
 };

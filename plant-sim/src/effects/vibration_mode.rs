@@ -46,6 +46,11 @@ pub(super) fn attach(chain: &mut Chain, p: &[f64]) {
     chain.parts.modes.push(Mode { joint: Joint::Attached { mass_kg }, hz: p[1], damping_ratio: p[2] });
 }
 
+fn parallel(chain: &mut Chain, [compliance_ratio, hz, damping_ratio]: [f64; 3]) {
+    let compliance_m_per_n = compliance_ratio / chain.plant.stiffness_n_per_m;
+    chain.parts.modes.push(Mode { joint: Joint::Parallel { compliance_m_per_n }, hz, damping_ratio });
+}
+
 const FORMS: &[Form] = &[
     Form::predictable(
         "attached",
@@ -61,13 +66,21 @@ const FORMS: &[Form] = &[
             let [hz, damping_ratio] = resonance(scales);
             vec![Parameter::signed("compliance_ratio", "", 0.3, 0.01), hz, damping_ratio]
         },
+        |chain, p| parallel(chain, [p[0], p[1], p[2]]),
+    ),
+    Form::predictable(
+        "two-parallel",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            let second_hz = Parameter { name: "second_natural_hz", ..hz.clone() };
+            let second_ratio = Parameter { name: "second_damping_ratio", ..damping_ratio.clone() };
+            let compliance = |name| Parameter::signed(name, "", 0.3, 0.01);
+            let both = ["compliance_ratio", "second_compliance_ratio"].map(compliance);
+            both.into_iter().chain([hz, damping_ratio, second_hz, second_ratio]).collect()
+        },
         |chain, p| {
-            let compliance_m_per_n = p[0] / chain.plant.stiffness_n_per_m;
-            chain.parts.modes.push(Mode {
-                joint: Joint::Parallel { compliance_m_per_n },
-                hz: p[1],
-                damping_ratio: p[2],
-            });
+            parallel(chain, [p[0], p[2], p[3]]);
+            parallel(chain, [p[1], p[4], p[5]]);
         },
     ),
     Form::predictable(

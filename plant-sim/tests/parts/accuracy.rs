@@ -41,9 +41,13 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
     vec![
         ("cubic spring", Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }, [0.2, EXACT_NM]),
         ("quadratic spring", Force::Spring { quadratic_n_per_m2: 2e7, cubic_n_per_m3: 0.0 }, [0.6, 0.005]),
+        ("fourth power", Force::Fourth { fourth_n_per_m4: 1e15 }, [0.8, 0.005]),
         ("fifth power", Force::Fifth { fifth_n_per_m5: 3e19 }, [0.2, EXACT_NM]),
         ("one-sided", Force::OneSided { stiffness_n_per_m: 3000.0 }, [0.9, 0.015]),
         ("one-sided, softer", Force::OneSided { stiffness_n_per_m: -3000.0 }, [0.9, 0.015]),
+        ("gradual", Force::Gradual { stiffness_n_per_m: 3000.0, at_m: 10e-6, width_m: 15e-6 }, [0.9, 0.015]),
+        ("pad, round", Force::Pad { at_m: 70e-6, stiffness_n_per_m: 1e5, exponent: 1.5 }, [0.25, EXACT_NM]),
+        ("pad, harder", Force::Pad { at_m: -60e-6, stiffness_n_per_m: 2e3, exponent: 2.5 }, [0.25, EXACT_NM]),
         ("presliding 2 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }, [0.1, 0.005]),
         ("presliding 0.3 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-7 }, [0.03, 0.003]),
         ("tanh 1 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 }, [0.8, 0.1]),

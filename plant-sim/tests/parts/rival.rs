@@ -225,6 +225,16 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                 let r = w / reference_m_per_s;
                 force_n * r * (r * r + 1e-18).powf(0.5 * (exponent - 1.0))
             }
+            Force::Fourth { fourth_n_per_m4 } => fourth_n_per_m4 * q * q * q * q,
+            Force::Pad { at_m, stiffness_n_per_m, exponent } => {
+                let (depth_m, unit_m) = (if at_m > 0.0 { q - at_m } else { at_m - q }, 0.1 * at_m.abs());
+                let force = stiffness_n_per_m * unit_m * (depth_m.max(0.0) / unit_m).powf(exponent);
+                if at_m > 0.0 { force } else { -force }
+            }
+            Force::Gradual { stiffness_n_per_m, at_m, width_m } => {
+                let rounded = |x: f64| 0.5 * (x + (x * x + width_m * width_m).sqrt());
+                stiffness_n_per_m * (rounded(q - at_m) - rounded(-at_m))
+            }
             Force::Stop { at_m, stiffness_n_per_m } => {
                 if at_m > 0.0 {
                     stiffness_n_per_m * (q - at_m).max(0.0)
