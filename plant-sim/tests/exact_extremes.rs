@@ -122,8 +122,12 @@ fn rest_costs_no_more_than_motion() {
         }
         begun.elapsed().as_secs_f64()
     };
-    let motion_s = seconds(&|k| 80.0 * (0.03 * k as f64).sin());
-    let rest_s = seconds(&|_| 80.0);
+    // The least of several, by turns: a machine that does something else meanwhile slows some of them.
+    let (mut motion_s, mut rest_s) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..7 {
+        motion_s = motion_s.min(seconds(&|k| 80.0 * (0.03 * k as f64).sin()));
+        rest_s = rest_s.min(seconds(&|_| 80.0));
+    }
     // Twice: a noisy machine, not a descent, which would cost a hundred times.
     assert!(rest_s < 2.0 * motion_s + 1e-3, "rest {rest_s} s, motion {motion_s} s");
 }

@@ -15,6 +15,8 @@ use std::sync::atomic::AtomicUsize;
 /// A log is locked if its mean square, in units of the noise, is beyond this, and so many times that of the log in the middle.
 const LOCKED_LEAST: f64 = 1.3;
 const LOCKED: f64 = 2.0;
+/// The same of a refit, of which everything hangs on what stays.
+const LOCKED_REFIT: f64 = 1.4;
 /// .. if the one in the middle is fitted this well: where the plant is wrong, no start helps.
 const NEARLY: f64 = 4.0;
 
@@ -100,7 +102,8 @@ impl Search<'_> {
         if middle > NEARLY {
             return candidate;
         }
-        let limit = LOCKED_LEAST.max(LOCKED * middle);
+        let times = if candidate.hypothesis.installed.is_empty() { LOCKED_REFIT } else { LOCKED };
+        let limit = LOCKED_LEAST.max(times * middle);
         let mut z = candidate.found.z.clone();
         for index in (0..chis.len()).filter(|index| chis[*index] > limit) {
             settle_anew(self.bench, &candidate.hypothesis, &mut z, index);
