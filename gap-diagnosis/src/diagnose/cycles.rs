@@ -1,7 +1,8 @@
 //! Errors that repeat over the displacement or over the command, as an encoder's or a converter's do: the periods at which what a plant
 //! leaves holds power over the place, not over time.
 
-use super::bench::{Bench, extremes};
+use super::bench::{Bench, Record, extremes};
+use super::lines::peaks;
 use super::search::{Remainder, after_run_in};
 use realfft::RealFftPlanner;
 
@@ -23,61 +24,44 @@ const MOST_PERIODS: f64 = 0.125 * PLACES as f64;
 
 /// Periods over the predicted displacement in metres, strongest first.
 pub fn over_displacement(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
-    periods(bench, remainders, |bench, index, row, residual_m| {
-        bench.records[index].log.displacement_m[row] - residual_m
-    })
+    periods(bench, remainders, |record, row, residual_m| record.log.displacement_m[row] - residual_m)
 }
 
 /// Periods over the command that acted last, in volts, strongest first.
 pub fn over_command(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
-    periods(bench, remainders, |bench, index, row, _| bench.records[index].log.command_v[row.saturating_sub(1)])
+    periods(bench, remainders, |record, row, _| record.log.command_v[row.saturating_sub(1)])
 }
 
-fn periods(
-    bench: &Bench<'_>,
-    remainders: &[Remainder],
-    place: impl Fn(&Bench<'_>, usize, usize, f64) -> f64,
-) -> Vec<f64> {
+fn periods(bench: &Bench<'_>, remainders: &[Remainder], place: impl Fn(&Record<'_>, usize, f64) -> f64) -> Vec<f64> {
     let pairs = || {
-        after_run_in(bench, remainders).enumerate().flat_map(|(index, (record, residual_m))| {
-            let rows = residual_m.iter().enumerate();
-            rows.map(move |(row, &r)| (index, record.run_in + row, r, record.noise_m))
+        after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
+            residual_m.iter().enumerate().map(move |(row, &r)| (record, record.run_in + row, r))
         })
     };
-    let places: Vec<f64> = pairs().map(|(index, row, r, _)| place(bench, index, row, r)).collect();
+    let places: Vec<f64> = pairs().map(|(record, row, r)| place(record, row, r)).collect();
     let [low, high] = extremes(&places);
     let width = (high - low) / PLACES as f64;
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
     let mut sums = vec![(0.0, 0.0); PLACES];
-    for (at, (_, _, r, noise_m)) in places.iter().zip(pairs()) {
+    for (at, (record, _, r)) in places.iter().zip(pairs()) {
         let sum = &mut sums[(((at - low) / width) as usize).min(PLACES - 1)];
-        *sum = (sum.0 + r / noise_m, sum.1 + 1.0);
+        *sum = (sum.0 + r / record.noise_m, sum.1 + 1.0);
     }
     let power = power(&uncurved(&sums));
-    let mut peaks: Vec<(f64, f64)> = Vec::new();
-    let bin_of = |periods: f64| (periods * PADDING as f64) as usize;
-    for bin in bin_of(FEWEST)..bin_of(MOST_PERIODS).min(power.len() - 2) {
-        let here = power[bin];
-        if power[bin - 2..=bin + 2].iter().any(|other| *other > here) {
-            continue;
-        }
-        let mut around = power[bin.saturating_sub(NEIGHBOURS)..(bin + NEIGHBOURS).min(power.len())].to_vec();
-        let middle = around.len() / 2;
-        if here > PROMINENCE * *around.select_nth_unstable_by(middle, f64::total_cmp).1 {
-            // The vertex of the parabola through three bins.
-            let [before, after] = [power[bin - 1], power[bin + 1]];
-            let shift = 0.5 * (before - after) / (before - 2.0 * here + after).min(-1e-300);
-            peaks.push((here, PADDING as f64 * (high - low) / (bin as f64 + shift)));
-        }
-    }
-    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.into_iter().take(MOST).map(|(_, period)| period).collect()
+    let [fewest, most] = [FEWEST, MOST_PERIODS].map(|periods| (periods * PADDING as f64) as usize);
+    let peaks = peaks(&power, fewest..most.min(power.len() - 2), NEIGHBOURS, PROMINENCE).into_iter().take(MOST);
+    let period = |bin: usize| {
+        // The vertex of the parabola through three bins.
+        let [before, here, after] = [power[bin - 1], power[bin], power[bin + 1]];
+        let shift = 0.5 * (before - after) / (before - 2.0 * here + after).min(-1e-300);
+        PADDING as f64 * (high - low) / (bin as f64 + shift)
+    };
+    peaks.map(period).collect()
 }
 
-/// Mean of each place times the root of how often it was visited, less its running mean; a place that dwells a thousand times counts no
-/// more than the usual one does.
+/// Sum over each place less its running mean; a place that dwells a thousand times counts no more than the usual one does.
 fn uncurved(sums: &[(f64, f64)]) -> Vec<f64> {
     let visited = sums.iter().filter(|sum| sum.1 > 0.0).count().max(1) as f64;
     let usual = sums.iter().map(|sum| sum.1).sum::<f64>() / visited;

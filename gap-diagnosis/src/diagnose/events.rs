@@ -8,7 +8,7 @@
 
 use super::bench::{Bench, Record};
 use super::judge::Course;
-use super::search::{Remainder, Search};
+use super::search::Search;
 use crate::residual::median_magnitude;
 use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::log::{Hold, Log};
@@ -105,16 +105,17 @@ pub(super) fn losses(search: &Search<'_>, course: &Course) -> Option<Losses> {
     let fits = course.explanations.iter().map(|explanation| &explanation.candidate);
     let best = fits.fold(&course.refit, |best, fit| if fit.chi < best.chi { fit } else { best });
     let bench = search.bench;
-    let left = search.play(best);
-    let of_commands = |(index, left): (usize, &Remainder)| {
+    let left_m: Vec<Vec<f64>> = search.play(best).into_iter().map(|left| left.residual_m).collect();
+    let of_commands = |(index, left_m): (usize, &Vec<f64>)| {
         let chain = bench.chain_at(&best.hypothesis, &best.found.z, index);
-        Walk::of_commands(bench, index, &chain, &left.residual_m).map(Walk::searched)
+        Walk::of_commands(bench, index, &chain, left_m).map(Walk::searched)
     };
-    let of_readings = |(index, left): (usize, &Remainder)| Walk::of_readings(bench, index, &left.residual_m).searched();
-    let commands: Option<Vec<Walked>> = left.iter().enumerate().map(of_commands).collect();
-    let readings = left.iter().enumerate().map(of_readings).collect();
-    let found = [commands.and_then(|walks| judged(Lost::Commands, walks)), judged(Lost::Readings, readings)];
-    found.into_iter().flatten().max_by(|a, b| a.power_m2.total_cmp(&b.power_m2))
+    let of_readings = |(index, left_m): (usize, &Vec<f64>)| Walk::of_readings(bench, index, left_m).searched();
+    // One after the other: what the walks of ten minutes hold is let go before the next begin.
+    let commands: Option<Vec<Walked>> = left_m.iter().enumerate().map(of_commands).collect();
+    let commands = commands.and_then(|walks| judged(Lost::Commands, walks));
+    let readings = judged(Lost::Readings, left_m.iter().enumerate().map(of_readings).collect());
+    [commands, readings].into_iter().flatten().max_by(|a, b| a.power_m2.total_cmp(&b.power_m2))
 }
 
 /// What the walks found, if it can be nothing but losses.

@@ -5,6 +5,7 @@ use super::search::{Remainder, after_run_in};
 use crate::spectra::power_density;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
+use std::ops::Range;
 
 /// Zero-padding, so that a line between two bins is not missed.
 const PADDING: usize = 2;
@@ -64,23 +65,26 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
             *sum += powers.fold(0.0, f64::max) / n as f64;
         }
     }
-    let mut peaks: Vec<(f64, f64)> = Vec::new();
-    for bin in 2..BINS - 2 {
-        let around = &total[bin.saturating_sub(NEIGHBOURS)..(bin + NEIGHBOURS).min(BINS)];
-        let here = total[bin];
-        if total[bin - 2..=bin + 2].iter().any(|other| *other > here) {
-            continue;
-        }
-        let mut sorted = around.to_vec();
-        let middle = sorted.len() / 2;
-        let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if here > PROMINENCE * median {
-            peaks.push((here, highest_hz * (bin as f64 + 0.5) / BINS as f64));
-        }
-    }
-    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     let width_hz = highest_hz / BINS as f64;
-    peaks.into_iter().take(MOST).map(|(_, hz)| sharpened(bench, remainders, hz, width_hz)).collect()
+    let peaks = peaks(&total, 2..BINS - 2, NEIGHBOURS, PROMINENCE).into_iter().take(MOST);
+    peaks.map(|bin| sharpened(bench, remainders, highest_hz * (bin as f64 + 0.5) / BINS as f64, width_hz)).collect()
+}
+
+/// Of `bins`, those at which `power` stands above its two neighbours on each side and `prominence` times above the median of so many
+/// `neighbours` to each side; strongest first.
+pub(super) fn peaks(power: &[f64], bins: Range<usize>, neighbours: usize, prominence: f64) -> Vec<usize> {
+    let is_peak = |&bin: &usize| {
+        let here = power[bin];
+        if power[bin - 2..=bin + 2].iter().any(|other| *other > here) {
+            return false;
+        }
+        let mut around = power[bin.saturating_sub(neighbours)..(bin + neighbours).min(power.len())].to_vec();
+        let middle = around.len() / 2;
+        here > prominence * *around.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let mut found: Vec<usize> = bins.filter(is_peak).collect();
+    found.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+    found
 }
 
 /// Frequencies in Hz at which the residuals of all logs together have most power, strongest first: where a resonance that nobody

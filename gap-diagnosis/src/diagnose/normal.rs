@@ -67,19 +67,8 @@ pub enum Sensitivities {
 
 /// Log `index` played at coordinates `z`.
 pub(super) fn reader<'a>(bench: &'a Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Reader<'a> {
-    reader_of(bench, hypothesis, z, index, bench.records[index].log)
-}
-
-/// `log`, which is log `index` or what is left of it, played at coordinates `z`.
-pub(super) fn reader_of<'a>(
-    bench: &Bench<'_>,
-    hypothesis: &Hypothesis,
-    z: &[f64],
-    index: usize,
-    log: &'a Log,
-) -> Reader<'a> {
     let (chain, start) = at(bench, hypothesis, z, index);
-    Reader::new(&chain, log, &start)
+    Reader::new(&chain, bench.records[index].log, &start)
 }
 
 /// Plant and start of log `index` at `z`.
@@ -118,7 +107,7 @@ impl<'a> Beside<'a> {
     /// Its next rows, where the other one's were `base` and saw `seen`.
     pub fn predict(&mut self, record: &Record<'_>, base: &[f64], seen: &[(f64, f64)]) -> Vec<f64> {
         match self {
-            Self::Played(reader) => predict(record, reader, seen.len()).0,
+            Self::Played(reader) => predict(record, reader, seen.len()),
             Self::Read(sensor) => {
                 let read = seen.iter().map(|&(displacement_m, time_s)| sensor.predictable_m(displacement_m, time_s));
                 read.chain(base[seen.len()..].iter().copied()).collect()
@@ -189,8 +178,9 @@ impl<'a> Lockstep<'a> {
             there[place] += step;
             (Beside::new(bench, (hypothesis, &there), index, log, &here), step)
         });
-        let thinned = (thin > 1).then(|| reader_of(bench, hypothesis, z, index, log));
-        Self { record, base: reader(bench, hypothesis, z, index), thin, thinned, moved: moved.collect() }
+        let moved = moved.collect();
+        let played = |log| Reader::new(&here.0, log, &here.1);
+        Self { record, base: played(record.log), thin, thinned: (thin > 1).then(|| played(log)), moved }
     }
 
     /// Rows that one row of the sensitivities stands for.
@@ -200,7 +190,8 @@ impl<'a> Lockstep<'a> {
 
     /// The next `rows` rows, which begin at `from`.
     pub fn next(&mut self, from: usize, rows: usize) -> Chunk {
-        let (predicted, seen) = predict(self.record, &mut self.base, rows);
+        let mut seen = Vec::with_capacity(rows);
+        let predicted = predict_seeing(self.record, &mut self.base, rows, |made_of| seen.push(made_of));
         let thin_rows = rows / self.thin;
         let mut chunk = Chunk::default();
         let mut sums = vec![0.0; predicted.len() / rows * thin_rows];
@@ -217,10 +208,14 @@ impl<'a> Lockstep<'a> {
         }
         chunk.places = (0..sums.len()).filter(|place| counts[*place] == self.thin).collect();
         chunk.residuals_m = chunk.places.iter().map(|place| sums[*place]).collect();
-        (chunk.base, chunk.seen) = match &mut self.thinned {
-            Some(reader) => predict(self.record, reader, thin_rows),
-            None => (predicted, seen),
+        chunk.base = match &mut self.thinned {
+            Some(reader) => {
+                seen.clear();
+                predict_seeing(self.record, reader, thin_rows, |made_of| seen.push(made_of))
+            }
+            None => predicted,
         };
+        chunk.seen = seen;
         let (base, seen) = (&chunk.base, &chunk.seen);
         let derivative = |(plant, step): &mut (Beside<'_>, f64)| {
             let mut moved = plant.predict(self.record, base, seen);
@@ -232,20 +227,28 @@ impl<'a> Lockstep<'a> {
     }
 }
 
-/// What is predicted for the next rows: displacement and, where the log has a monitor, the drive behind it, as metres of equal weight; and
-/// what the sensor made each displacement of.
-fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize) -> (Vec<f64>, Vec<(f64, f64)>) {
-    let mut predicted = Vec::with_capacity(2 * rows);
-    let (mut drive_v, mut seen) = (Vec::with_capacity(rows), Vec::with_capacity(rows));
-    for _ in 0..rows {
-        predicted.push(reader.next_m());
-        drive_v.push(reader.drive_v);
-        seen.push(reader.before_reading);
+/// What is predicted for the next rows: displacement and, where the log has a monitor, the drive behind it, as metres of equal weight.
+fn predict(record: &Record<'_>, reader: &mut Reader<'_>, rows: usize) -> Vec<f64> {
+    predict_seeing(record, reader, rows, |_| {})
+}
+
+/// The same; `see` gets what the sensor made each displacement of.
+fn predict_seeing(
+    record: &Record<'_>,
+    reader: &mut Reader<'_>,
+    rows: usize,
+    mut see: impl FnMut((f64, f64)),
+) -> Vec<f64> {
+    let monitor = record.monitor_m_per_v();
+    let mut predicted = vec![0.0; if monitor.is_some() { 2 * rows } else { rows }];
+    for k in 0..rows {
+        predicted[k] = reader.next_m();
+        see(reader.before_reading);
+        if let Some(m_per_v) = monitor {
+            predicted[rows + k] = m_per_v * reader.drive_v;
+        }
     }
-    if let Some(m_per_v) = record.monitor_m_per_v() {
-        predicted.extend(drive_v.iter().map(|v| m_per_v * v));
-    }
-    (predicted, seen)
+    predicted
 }
 
 /// Places of what was predicted and their residuals, for the rows after `from` that are fitted: neither run-in nor held out.
@@ -378,7 +381,10 @@ mod tests {
         let nominal = Hypothesis::nominal(Freedom::Rest);
         let z = bench.origin(&nominal);
         let here = at(&bench, &nominal, &z, 0);
-        let (base, seen) = predict(&bench.records[0], &mut Reader::new(&here.0, &log, &here.1), 3000);
+        let mut seen = Vec::new();
+        let base = predict_seeing(&bench.records[0], &mut Reader::new(&here.0, &log, &here.1), 3000, |made_of| {
+            seen.push(made_of)
+        });
         let mut read = Vec::new();
         for form in
             plant_sim::effects::REGISTRY.iter().flat_map(|effect| effect.forms().iter().map(move |f| (*effect, f)))
@@ -393,7 +399,7 @@ mod tests {
                 continue;
             }
             let (chain, start) = at(&bench, &hypothesis, &z, 0);
-            let played = predict(&bench.records[0], &mut Reader::new(&chain, &log, &start), 3000).0;
+            let played = predict(&bench.records[0], &mut Reader::new(&chain, &log, &start), 3000);
             assert_eq!(beside.predict(&bench.records[0], &base, &seen), played, "{} {}", effect.id(), form.name);
             read.push((effect.id(), form.name));
         }

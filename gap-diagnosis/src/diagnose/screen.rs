@@ -256,6 +256,8 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str])
     let scales = bench.scales();
     let mut blocks = Vec::new();
     let taken = base.ids();
+    // Beside another effect every simulation costs more, and a mode that matters there stands out of the residual's spectrum.
+    let is_beside = !taken.is_empty();
     for &effect in REGISTRY.iter().filter(|e| !taken.contains(&e.id()) && !without.contains(&e.id())) {
         // What the nominal numbers imitate has no direction of its own; only its first form is that.
         let first = usize::from(imitated.contains(&effect.id()));
@@ -263,8 +265,6 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str])
             let hypothesis = base.with(effect, form, &scales);
             let Some(installed) = hypothesis.installed.last() else { continue };
             let parameters: Vec<_> = installed.axes.iter().map(|axis| &axis.parameter).collect();
-            // Beside another effect every simulation costs more, and a mode that matters there stands out of the residual's spectrum.
-            let is_beside = !base.installed.is_empty();
             let amplitudes: Vec<usize> = (0..parameters.len()).filter(|&i| installed.axes[i].is_amplitude()).collect();
             let per_log = amplitudes.iter().any(|&i| parameters[i].per_log);
             let starts: Vec<Vec<f64>> = installed

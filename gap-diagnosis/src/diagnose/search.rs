@@ -15,10 +15,10 @@ use std::sync::atomic::AtomicUsize;
 /// A log is locked if its mean square, in units of the noise, is beyond this, and so many times that of the log in the middle.
 const LOCKED_LEAST: f64 = 1.3;
 const LOCKED: f64 = 2.0;
-/// The same of a refit, of which everything hangs on what stays.
-const LOCKED_REFIT: f64 = 1.4;
 /// .. if the one in the middle is fitted this well: where the plant is wrong, no start helps.
 const NEARLY: f64 = 4.0;
+/// [`LOCKED`] of a refit, on which everything else hangs.
+const LOCKED_REFIT: f64 = 1.4;
 
 /// An effect that leaves more than this of the squares soon is not followed farther.
 const WORTH_MORE: f64 = 0.85;
@@ -114,7 +114,7 @@ impl Search<'_> {
         let Candidate { hypothesis, found, .. } = &candidate;
         let found = descend(self.bench, hypothesis, z, &LAST_STAGES, found.data_cost, self.simulations);
         let again = self.candidate(hypothesis.clone(), found);
-        if total(&again) < total(&candidate) { again } else { candidate }
+        cheaper(candidate, again)
     }
 
     /// The nominal plant, refitted under its priors.
@@ -156,7 +156,7 @@ impl Search<'_> {
             stages = &STAGES[STAGES.len() - 1..];
         }
         let other = self.descend(&refit.hypothesis, z, stages);
-        if total(&other) < total(&refit) { other } else { refit }
+        cheaper(refit, other)
     }
 
     /// The refit from `numbers`, where all starts settle anew; the better of both.
@@ -165,7 +165,7 @@ impl Search<'_> {
         z[..numbers.len()].copy_from_slice(numbers);
         self.settle(&refit.hypothesis, &mut z);
         let other = self.descend(&refit.hypothesis, z, &LAST_STAGES);
-        if total(&other) < total(&refit) { other } else { refit }
+        cheaper(refit, other)
     }
 
     /// `base` with the form of `lead`, fitted from there.
@@ -236,7 +236,7 @@ impl Search<'_> {
         let mut z = candidate.found.z.clone();
         z[..self.bench.free.len()].copy_from_slice(numbers);
         let again = self.descend(&candidate.hypothesis, z, stages);
-        if total(&again) < total(&candidate) { again } else { candidate }
+        cheaper(candidate, again)
     }
 
     /// A candidate at the noise again, its nominal numbers put back at nominal and its readings counted as the independent ones that they
@@ -279,6 +279,10 @@ impl Search<'_> {
     pub fn screen(&self, candidate: &Candidate, starts: &Starts, without: &[&str]) -> Vec<Lead> {
         screen(self.bench, &candidate.hypothesis, &candidate.found, starts, without, self.simulations)
     }
+}
+
+fn cheaper(one: Candidate, other: Candidate) -> Candidate {
+    if total(&other) < total(&one) { other } else { one }
 }
 
 fn total(candidate: &Candidate) -> f64 {

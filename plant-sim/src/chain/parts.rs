@@ -177,7 +177,13 @@ pub enum Force {
 }
 
 /// Depth at which a pad's force is that of a straight spring, as a share of the way to it.
-pub(super) const PAD_DEPTH: f64 = 0.1;
+const PAD_DEPTH: f64 = 0.1;
+
+/// That depth of a pad at `at_m` in metres, and how many times as deep a mass at `q` is in it.
+pub(super) fn in_pad(at_m: f64, q: f64) -> (f64, f64) {
+    let unit_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
+    (unit_m, ((q - at_m) * at_m.signum()).max(0.0) / unit_m)
+}
 
 /// An oscillator besides the plant's own.
 #[derive(Clone, Copy, Debug, PartialEq)]

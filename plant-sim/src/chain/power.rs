@@ -4,7 +4,7 @@
 //! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
 //! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
-use super::parts::PAD_DEPTH;
+use super::parts::in_pad;
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
 use std::f64::consts::TAU;
@@ -45,9 +45,8 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
         }
         Force::Pad { at_m, stiffness_n_per_m, exponent } => {
-            let depth_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
-            let depth = ((q - at_m) * at_m.signum()).max(0.0) / depth_m;
-            stiffness_n_per_m * depth_m.powi(2) * depth.powf(exponent + 1.0) / (exponent + 1.0)
+            let (unit_m, depth) = in_pad(at_m, q);
+            stiffness_n_per_m * unit_m.powi(2) * depth.powf(exponent + 1.0) / (exponent + 1.0)
         }
         Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
         // h h'/A = h q' less what is turned into heat.

@@ -9,7 +9,7 @@
 
 use super::lag::Moments;
 use super::leak::Leak;
-use super::parts::PAD_DEPTH;
+use super::parts::in_pad;
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
@@ -103,8 +103,8 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             | Force::Gradual { stiffness_n_per_m, .. }
             | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
             Force::Pad { at_m, stiffness_n_per_m, exponent } => {
-                let unit_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
-                let deepest = ((stroke_m - at_m.abs()) / unit_m).clamp(1.0, 1.0 / PAD_DEPTH);
+                // As far beyond it as the way to it, at the most.
+                let deepest = in_pad(at_m.abs(), stroke_m).1.clamp(1.0, 10.0);
                 exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
@@ -379,9 +379,8 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> 
                 stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
             }
             Force::Pad { at_m, stiffness_n_per_m, exponent } => {
-                let depth_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
-                let depth = ((q - at_m) * at_m.signum()).max(0.0) / depth_m;
-                stiffness_n_per_m * depth_m * depth.powf(exponent) * at_m.signum()
+                let (unit_m, depth) = in_pad(at_m, q);
+                stiffness_n_per_m * unit_m * depth.powf(exponent) * at_m.signum()
             }
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         };
