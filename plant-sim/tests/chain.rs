@@ -2,7 +2,7 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Stairs, Warming,
+    Arm, Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Stairs, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -205,6 +205,10 @@ fn the_drive_saturates_and_rounds() {
     let compressed: Vec<f64> = command_v.iter().zip(&clamped).map(|(v, c)| c + 0.25 * (v - c)).collect();
     assert_eq!(through(&yielding, &command_v), through(&chain(), &compressed));
 
+    let one_sided = Chain { drive: Drive { gain_change: 0.05, changes_at_v: 20.0, ..Drive::IDEAL }, ..chain() };
+    let steeper: Vec<f64> = command_v.iter().map(|v| v + 0.05 * (v - 20.0).max(0.0)).collect();
+    assert_eq!(through(&one_sided, &command_v), through(&chain(), &steeper));
+
     let skew = Chain { drive: Drive { gain_skew: 0.1, ..Drive::IDEAL }, ..chain() };
     let skewed: Vec<f64> = command_v.iter().map(|v| v + 0.1 * v.abs()).collect();
     assert_eq!(through(&skew, &command_v), through(&chain(), &skewed));
@@ -227,6 +231,45 @@ fn the_drive_saturates_and_rounds() {
     let one = predict(&chain(), &log(command_v, Hold::Zoh, 1.2 * SAMPLE_S), &start, ROWS);
     // The two delays differ by a rounding of 1e-20 s, which at 0.1 m/s is nothing.
     assert!(distance(&both, &one) < 1e-15 * largest(&one) * 1e3);
+}
+
+#[test]
+fn an_arm_is_read_with_its_swing_and_its_speed() {
+    let arm = Arm { share: 0.2, rate_share: 0.1, hz: 400.0, damping_ratio: 0.05 };
+    let swinging = Chain { parts: Parts { arms: vec![arm], ..Parts::default() }, ..chain() };
+    // Straight lines from sample to sample: without a kink in the displacement, a cubic between samples is near.
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    let start = Start::relaxed(&chain());
+    let through = |chain: &Chain| predict(chain, &log(command_v.clone(), Hold::Foh, 0.0), &start, ROWS);
+    let (plain_m, read_m) = (through(&chain()), through(&swinging));
+    // x'' + 2 z w x' + w^2 x = w^2 q by Runge-Kutta, q by the parabola through three samples.
+    let (w, steps) = (TAU * arm.hz, 50);
+    let h = SAMPLE_S / f64::from(steps);
+    let [mut x, mut v] = [plain_m[0], 0.0];
+    let mut worst_m = 0.0f64;
+    for row in 1..ROWS - 2 {
+        for step in 0..steps {
+            let q = |share: f64| {
+                let t = (f64::from(step) + share) / f64::from(steps);
+                let [a, b, c] = [plain_m[row - 1], plain_m[row], plain_m[row + 1]];
+                let at = t - 1.0;
+                b + 0.5 * at * (c - a) + 0.5 * at * at * (a - 2.0 * b + c)
+            };
+            let slope = |x: f64, v: f64, share: f64| [v, w * w * (q(share) - x) - 2.0 * arm.damping_ratio * w * v];
+            let k1 = slope(x, v, 0.0);
+            let k2 = slope(x + 0.5 * h * k1[0], v + 0.5 * h * k1[1], 0.5);
+            let k3 = slope(x + 0.5 * h * k2[0], v + 0.5 * h * k2[1], 0.5);
+            let k4 = slope(x + h * k3[0], v + h * k3[1], 1.0);
+            x += h / 6.0 * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]);
+            v += h / 6.0 * (k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1]);
+        }
+        let q = plain_m[row];
+        worst_m = worst_m.max((read_m[row] - q - arm.share * (x - q) - arm.rate_share * v / w).abs());
+    }
+    let swing_m = distance(&read_m, &plain_m);
+    assert!(worst_m < 2e-2 * swing_m && worst_m > 1e-6 * swing_m, "{worst_m:e} of {swing_m:e}");
+    let still = Chain { parts: Parts { arms: vec![Arm { rate_share: 0.0, ..arm }], ..Parts::default() }, ..chain() };
+    assert!(distance(&through(&still), &read_m) > 0.1 * swing_m);
 }
 
 #[test]

@@ -21,6 +21,8 @@ const ROUGH: f64 = 1e-3;
 const FAR: f64 = 2.0;
 /// Share of its prior's width that a start has before the last stage.
 const HELD: f64 = 0.02;
+/// Coordinates by which a shape may be off its start before the last stage.
+const HELD_SHAPE: f64 = 0.01;
 /// Steps at most in a stage and in the last.
 const STEPS: usize = 2;
 const LAST_STEPS: usize = 12;
@@ -70,6 +72,7 @@ pub fn descend(
     simulations: &AtomicUsize,
 ) -> Found {
     let rules = bench.rules(hypothesis);
+    let start = z.clone();
     let noise = noise_weights(bench);
     let is_far = |normal: &Normal| normal.cost(&noise) > FAR * normal.rows() as f64;
     let mut phases: Vec<(f64, Sensitivities)> = stages.iter().map(|&stage| (stage, Sensitivities::Thinned)).collect();
@@ -88,7 +91,7 @@ pub fn descend(
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
-        let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules) };
+        let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules, &start) };
         for number in 0..steps {
             if last && number >= FIRST_STEPS && normal.cost(&noise) > to_beat {
                 break;
@@ -108,10 +111,16 @@ pub fn descend(
 }
 
 /// The rules with every log's start held near rest: while residuals count little, a memory of hysterons that costs nothing would take
-/// the place of what is to be found, and hysterons forget nothing.
-fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule]) -> Vec<Rule> {
+/// the place of what is to be found, and hysterons forget nothing. Shapes are held where they stand at the `start`: while the numbers are
+/// far off, a limit would leave the range in which it acts, and nothing would pull it back.
+fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule], start: &[f64]) -> Vec<Rule> {
     let mut held = rules.to_vec();
     for index in 0..bench.records.len() {
+        for (installed, places) in hypothesis.installed.iter().zip(bench.places(hypothesis, index)) {
+            for (_, place) in installed.axes.iter().zip(places).filter(|(axis, _)| !axis.is_amplitude()) {
+                held[place] = Rule { centre: start[place], sigma: HELD_SHAPE, ..rules[place] };
+            }
+        }
         let at = bench.own_start(hypothesis, index);
         for rule in &mut held[at..at + bench.start_count(hypothesis)] {
             rule.sigma *= HELD;

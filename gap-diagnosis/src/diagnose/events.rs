@@ -2,7 +2,7 @@
 //!
 //! A command that is lost leaves the drive where it was: a pulse whose height the log tells and whose echo in the displacement the plant
 //! tells. A reading that is lost leaves the number where it was, be the noise a new one: the same with the predicted displacement and
-//! without an echo. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
+//! without an echo; or with one from some rows before, or with a mean of them. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
 //! greedily, the most certain first; what they leave shows the next. Delays, slews and jitter leave such pulses at no height or at
 //! every height, and at every row, so that their shares don't crowd at one.
 
@@ -43,6 +43,20 @@ const LEAVES: f64 = 0.5;
 /// Rows from which a reading that stayed is told: as many to either side are its slow part.
 const READING_ROWS: usize = 8;
 
+/// How far back what a lost row shows instead may lie.
+const FARTHEST: usize = 8;
+
+/// What a row shows instead.
+#[derive(Clone, Copy, Debug)]
+enum Instead {
+    /// What the last one showed that was not lost.
+    Last,
+    /// What was there so many rows ago.
+    Older(usize),
+    /// The mean of so many rows before.
+    Mean(usize),
+}
+
 /// What was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lost {
@@ -66,6 +80,8 @@ pub(super) struct Losses {
     pub sigma: f64,
     /// Mean square that the losses make, metres squared.
     pub power_m2: f64,
+    /// Mean square beyond the noise that stays.
+    stays_m2: f64,
 }
 
 impl Losses {
@@ -110,12 +126,26 @@ pub(super) fn losses(search: &Search<'_>, course: &Course) -> Option<Losses> {
         let chain = bench.chain_at(&best.hypothesis, &best.found.z, index);
         Walk::of_commands(bench, index, &chain, left_m).map(Walk::searched)
     };
-    let of_readings = |(index, left_m): (usize, &Vec<f64>)| Walk::of_readings(bench, index, left_m).searched();
+    let readings = |instead: Instead| -> Vec<Walked> {
+        let of_log = |(index, left_m): (usize, &Vec<f64>)| Walk::of_readings(bench, index, left_m, instead).searched();
+        left_m.iter().enumerate().map(of_log).collect()
+    };
     // One after the other: what the walks of ten minutes hold is let go before the next begin.
     let commands: Option<Vec<Walked>> = left_m.iter().enumerate().map(of_commands).collect();
     let commands = commands.and_then(|walks| judged(Lost::Commands, walks));
-    let readings = judged(Lost::Readings, left_m.iter().enumerate().map(of_readings).collect());
+    let readings = closest(insteads().filter_map(|instead| judged(Lost::Readings, readings(instead))));
     [commands, readings].into_iter().flatten().max_by(|a, b| a.power_m2.total_cmp(&b.power_m2))
+}
+
+/// All that a lost reading may show.
+fn insteads() -> impl Iterator<Item = Instead> {
+    let far = (2..=FARTHEST).flat_map(|rows| [Instead::Older(rows), Instead::Mean(rows)]);
+    std::iter::once(Instead::Last).chain(far)
+}
+
+/// The losses that leave the least.
+fn closest(found: impl Iterator<Item = Losses>) -> Option<Losses> {
+    found.min_by(|a, b| a.stays_m2.total_cmp(&b.stays_m2))
 }
 
 /// What the walks found, if it can be nothing but losses.
@@ -145,6 +175,7 @@ fn judged(lost: Lost, walks: Vec<Walked>) -> Option<Losses> {
         share: count as f64 / visible as f64,
         sigma: (count as f64).sqrt() / visible as f64,
         power_m2: taken_m2 / rows as f64,
+        stays_m2: power_m2[1] / rows as f64,
     })
 }
 
@@ -167,6 +198,8 @@ struct Walk {
     given: Vec<f64>,
     /// What it had.
     held: Vec<f64>,
+    /// What it has if it was lost.
+    instead: Instead,
     is_lost: Vec<bool>,
     /// What is left, slow parts taken off.
     left_m: Vec<f64>,
@@ -217,23 +250,24 @@ impl Walk {
             return None;
         }
         let pulse_m = pulse(chain, log.dt_s, log.meta.latency_s)?;
-        Some(Self::new(&bench.records[index], log.command_v.clone(), &pulse_m, residual_m))
+        Some(Self::new(&bench.records[index], log.command_v.clone(), Instead::Last, &pulse_m, residual_m))
     }
 
     /// Readings: what was predicted is what they should have been, and a row's echo is itself.
-    fn of_readings(bench: &Bench<'_>, index: usize, residual_m: &[f64]) -> Self {
+    fn of_readings(bench: &Bench<'_>, index: usize, residual_m: &[f64], instead: Instead) -> Self {
         let record = &bench.records[index];
         let predicted_m = record.log.displacement_m.iter().zip(residual_m).map(|(y, r)| y - r).collect();
         let mut pulse = [0.0; READING_ROWS];
         pulse[0] = 1.0;
-        Self::new(record, predicted_m, &pulse, residual_m)
+        Self::new(record, predicted_m, instead, &pulse, residual_m)
     }
 
-    fn new(record: &Record<'_>, given: Vec<f64>, pulse_m: &[f64], residual_m: &[f64]) -> Self {
+    fn new(record: &Record<'_>, given: Vec<f64>, instead: Instead, pulse_m: &[f64], residual_m: &[f64]) -> Self {
         let ahead = pulse_m.len();
-        let mut echo_m = vec![0.0; 3 * ahead];
-        echo_m[ahead..2 * ahead].copy_from_slice(pulse_m);
-        let echo_m = without_slow(&echo_m, ahead);
+        // Nothing for so long before and after that every mean is over as many rows as those of a log.
+        let mut alone_m = vec![0.0; 5 * ahead];
+        alone_m[2 * ahead..3 * ahead].copy_from_slice(pulse_m);
+        let echo_m = without_slow(&alone_m, ahead)[ahead..4 * ahead].to_vec();
         let shifted = |by: usize| echo_m.iter().skip(by).zip(&echo_m).map(|(a, b)| a * b).sum::<f64>();
         let products_m2 = (0..IN_A_ROW).map(shifted).collect();
         let mut left_m = without_slow(residual_m, ahead);
@@ -242,11 +276,12 @@ impl Walk {
             held: given.clone(),
             is_lost: vec![false; given.len()],
             given,
+            instead,
             left_m,
             echo_m,
             ahead,
             products_m2,
-            first: record.run_in.max(1),
+            first: record.run_in.max(FARTHEST),
             noise2: record.noise_m.powi(2),
             shares: Vec::new(),
             visible: Vec::new(),
@@ -269,7 +304,7 @@ impl Walk {
             for from in (self.first..rows).step_by(BLOCK) {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
             }
-            let alone = |k: usize| (self.held[k - 1] - self.given[k]).powi(2) * self.products_m2[0];
+            let alone = |k: usize| (self.shown(k, k) - self.given[k]).powi(2) * self.products_m2[0];
             let step = |k: usize| (k, (self.given[k] - self.given[k - 1]).abs());
             self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(step).collect();
             if self.shares.len() == found {
@@ -312,9 +347,17 @@ impl Walk {
         self.left_m[from..].iter().zip(&self.echo_m[skipped..]).map(|(r, h)| r * h).sum()
     }
 
+    /// What `row` of a stretch that begins at row `from` shows.
+    fn shown(&self, from: usize, row: usize) -> f64 {
+        match self.instead {
+            Instead::Last => self.held[from - 1],
+            Instead::Older(rows) => self.given[row - rows],
+            Instead::Mean(rows) => self.given[row - rows..row].iter().sum::<f64>() / rows as f64,
+        }
+    }
+
     /// The stretch from row `k` on that gains most, if one is certain.
     fn best(&self, matched: &[f64], start: usize, k: usize, unit2: f64) -> Option<Stretch> {
-        let held = self.held[k - 1];
         let (mut along, mut square) = (0.0, 0.0);
         let mut heights: [f64; IN_A_ROW] = [0.0; IN_A_ROW];
         let mut best: Option<Stretch> = None;
@@ -323,7 +366,7 @@ impl Walk {
             if row - start >= matched.len() || self.is_lost[row] {
                 break;
             }
-            let height = held - self.given[row];
+            let height = self.shown(k, row) - self.given[row];
             heights[i] = height;
             along += height * matched[row - start];
             let crossed: f64 = (0..i).map(|j| heights[j] * self.products_m2[i - j]).sum();
@@ -337,9 +380,9 @@ impl Walk {
     }
 
     fn take(&mut self, stretch: Stretch) {
-        let held = self.held[stretch.from - 1];
         for row in stretch.from..stretch.from + stretch.rows {
-            let height = held - self.given[row];
+            let shown = self.shown(stretch.from, row);
+            let height = shown - self.given[row];
             let first = row as isize - self.ahead as isize;
             for (k, h) in self.echo_m.iter().enumerate() {
                 if let Ok(at) = usize::try_from(first + k as isize)
@@ -348,7 +391,7 @@ impl Walk {
                     *left_m -= height * h;
                 }
             }
-            self.held[row] = held;
+            self.held[row] = shown;
             self.is_lost[row] = true;
         }
         self.taken_m2 += stretch.gain_m2;
@@ -462,8 +505,10 @@ mod tests {
         log.displacement_m = read_m.iter().zip(&noise_m).map(|(y, noise)| y + noise).collect();
         let residual_m: Vec<f64> = log.displacement_m.iter().zip(&predicted_m).map(|(y, p)| y - p).collect();
         let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
-        let walk = Walk::of_readings(&bench, 0, &residual_m).searched();
-        (walk.is_lost.clone(), judged(Lost::Readings, vec![walk]).is_some())
+        let found = insteads().filter_map(|instead| {
+            judged(Lost::Readings, vec![Walk::of_readings(&bench, 0, &residual_m, instead).searched()])
+        });
+        closest(found).map_or((vec![false; log.len()], false), |mut losses| (losses.is_lost.remove(0), true))
     }
 
     #[test]
@@ -477,6 +522,30 @@ mod tests {
         let (is_lost, is_found) = stayed(hold);
         assert_eq!((0..is_lost.len()).filter(|&k| is_lost[k]).collect::<Vec<_>>(), lost);
         assert!(is_found);
+    }
+
+    #[test]
+    fn rows_that_show_an_older_reading_or_the_mean_of_some_are_found() {
+        let lost = [300, 911, 1777, 2510, 3620, 4810, 5204];
+        let older = |y: &[f64]| {
+            let mut read = y.to_vec();
+            lost.iter().for_each(|&k| read[k] = y[k - 4]);
+            read
+        };
+        let filled = |y: &[f64]| {
+            let (mut read, mut mean) = (y.to_vec(), 0.0);
+            for k in 0..y.len() {
+                if lost.contains(&k) {
+                    read[k] = mean;
+                }
+                mean += (y[k] - mean) / 3.6;
+            }
+            read
+        };
+        for (is_lost, is_found) in [stayed(older), stayed(filled)] {
+            assert!(is_found);
+            assert_eq!((0..is_lost.len()).filter(|&k| is_lost[k]).collect::<Vec<_>>(), lost);
+        }
     }
 
     #[test]

@@ -27,9 +27,10 @@ const MOST_OTHERS: usize = 2;
 const LITTLE: f64 = 0.5;
 /// A form of fewer numbers goes first if it promised this share of the best one's gain.
 const NO_LESS: f64 = 0.98;
-/// A fit that leaves so many times what the screening promised, where that was nearly all, is tried from elsewhere.
-const MUCH_MORE: f64 = 2.0;
-const PROMISING: f64 = 0.9;
+/// A fit that takes less than this share of what the screening promised to take of the gap is tried from elsewhere, ..
+const MUCH_LESS: f64 = 0.5;
+/// .. where that was at least so much of the gap's power.
+const PROMISING: f64 = 0.3;
 /// A single explanation that leaves more than this invites a second effect.
 pub(super) const PAIR_BEYOND: f64 = 0.08;
 /// .. by this much of the noise's power: less is a matter of the first one's form.
@@ -208,8 +209,30 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        self.kin(&mut fits);
         let fits = self.rivals(fits, leads);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { self.shared(fit) } else { fit }).collect()
+    }
+
+    /// A rival with a form of the same numbers, as a mass on a mount and a mode that is attached have, must not hang on where its own
+    /// search began: where the best comes to the noise, such rivals are fitted from there.
+    fn kin(&self, fits: &mut Vec<Candidate>) {
+        let Some(best) = fits.first().filter(|best| best.chi < AT_NOISE).cloned() else { return };
+        let Some(own) = best.hypothesis.installed.last() else { return };
+        for effect in own.effect.about().rivals.iter().filter_map(|id| find(id)) {
+            let is_known = |fit: &Candidate| fit.hypothesis.ids() == [effect.id()] && fit.chi < AT_NOISE;
+            if self.without.contains(&effect.id()) || fits.iter().any(is_known) {
+                continue;
+            }
+            let forms = effect.forms().iter().filter(|form| form.kind == Kind::Predictable);
+            let kin = forms.filter_map(|form| self.search.in_kin(&best, effect, form));
+            let Some(nearest) = kin.min_by(|a, b| a.chi.total_cmp(&b.chi)) else { continue };
+            if nearest.chi < AT_NOISE {
+                fits.retain(|fit| fit.hypothesis.ids() != [effect.id()]);
+                fits.push(nearest);
+            }
+        }
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
     }
 
     /// A fit whose numbers belong to each log with one for all logs, if that fits as well: only such a number says anything of another log.
@@ -275,8 +298,9 @@ impl Fits<'_> {
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
     fn fit_of(&self, lead: &Lead) -> Candidate {
         let fit = self.search.extend(self.refit, lead, true);
-        let promised = (1.0 - lead.share).max(0.0).sqrt();
-        if lead.share < PROMISING || fit.chi < AT_NOISE || self.left(&fit) < MUCH_MORE * promised {
+        let promised = 1.0 - (1.0 - lead.share).max(0.0).sqrt();
+        let taken = 1.0 - self.left(&fit);
+        if lead.share < PROMISING || fit.chi < AT_NOISE || taken > MUCH_LESS * promised {
             return fit;
         }
         better(fit, self.search.extend(self.refit, lead, false))

@@ -26,6 +26,7 @@ pub mod normal;
 mod plants;
 mod random;
 pub mod records;
+mod refine;
 pub mod report;
 pub mod screen;
 pub mod search;

@@ -4,12 +4,13 @@
 //! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
 //! costs one simulation for each direction.
 
-use super::bench::{Bench, Hypothesis, add_priors, pin_idle};
+use super::bench::{Axis, Bench, Hypothesis, add_priors, pin_idle};
 use super::cycles;
 use super::descend::{Found, noise_weights};
 use super::lines::{lines, resonances};
 use super::normal::{Beside, CHUNK, Lockstep, Sensitivities, at};
 use super::plants::carry;
+use super::refine::refine;
 use super::search::Remainder;
 use super::symmetry::symmetric;
 use nalgebra::{DMatrix, DVector};
@@ -69,10 +70,10 @@ pub struct Lead {
 }
 
 /// One combination of shapes of one form: its columns are its amplitudes, or the form itself if it has none.
-struct Block {
+pub(super) struct Block {
     effect: &'static dyn Effect,
     form: &'static Form,
-    /// Start values; amplitudes at their typical sizes.
+    /// Start values; amplitudes at a size at which their direction is taken, the typical one at first.
     values: Vec<f64>,
     /// Indices of the amplitudes among the values; empty for a form without one.
     amplitudes: Vec<usize>,
@@ -80,7 +81,45 @@ struct Block {
     hypothesis: Hypothesis,
 }
 
+/// A block and what it could explain.
+pub(super) struct Scored {
+    pub block: Block,
+    /// Values of the parameters from which a fit may start.
+    pub values: Vec<f64>,
+    /// Chi-square that it takes from the residual; a form without amplitudes may take it in part.
+    pub gain: f64,
+    /// The same of the form as it stands.
+    pub whole: f64,
+}
+
 impl Block {
+    /// How far the search for each parameter's best value goes first, in coordinates: half the way to the next start; nothing for amplitudes, and
+    /// for what was read off the residual.
+    pub fn steps(&self) -> Vec<f64> {
+        let Some(installed) = self.hypothesis.installed.last() else { return Vec::new() };
+        let step = |(axis, value): (&Axis, &f64)| {
+            let starts = axis.starts();
+            if axis.is_amplitude() || !starts.contains(value) {
+                return 0.0;
+            }
+            let here = axis.coordinate(*value);
+            let others = starts.iter().map(|start| (axis.coordinate(*start) - here).abs()).filter(|d| *d > 0.0);
+            0.5 * others.min_by(f64::total_cmp).unwrap_or(1.0)
+        };
+        installed.axes.iter().zip(&self.values).map(step).collect()
+    }
+
+    /// The block with parameter `i` moved by so many coordinates from where it stands in `values`, unless a bound keeps it there.
+    pub fn moved(&self, values: &[f64], i: usize, by: f64) -> Option<Self> {
+        let axis = self.hypothesis.installed.last()?.axes.get(i)?;
+        let to = axis.value(axis.coordinate(values[i]) + by);
+        let mut values = values.to_vec();
+        let here = std::mem::replace(&mut values[i], to);
+        let Self { effect, form, per_log, .. } = *self;
+        let (amplitudes, hypothesis) = (self.amplitudes.clone(), self.hypothesis.clone());
+        (to != here).then_some(Self { effect, form, values, amplitudes, per_log, hypothesis })
+    }
+
     fn columns(&self) -> usize {
         self.amplitudes.len().max(1)
     }
@@ -106,7 +145,35 @@ pub fn screen(
     without: &[&str],
     simulations: &AtomicUsize,
 ) -> Vec<Lead> {
-    let blocks = blocks(bench, base, starts, without);
+    let score = |blocks: Vec<Block>| score(bench, base, found, blocks, simulations);
+    let mut best: BTreeMap<(&str, &str), Scored> = BTreeMap::new();
+    for scored in score(blocks(bench, base, starts, without)).into_iter().flatten() {
+        let form = (scored.block.effect.id(), scored.block.form.name);
+        if best.get(&form).is_none_or(|known| scored.gain > known.gain) {
+            best.insert(form, scored);
+        }
+    }
+    let mut best: Vec<Scored> = best.into_values().collect();
+    let promise = |a: &Scored, b: &Scored| b.gain.total_cmp(&a.gain);
+    best.sort_by(promise);
+    refine(&mut best, score);
+    best.sort_by(promise);
+    let excess = (found.normal.cost(&noise_weights(bench)) - found.normal.rows() as f64).max(1.0);
+    let lead = |Scored { block, values, gain, .. }| {
+        let Block { effect, form, .. } = block;
+        Lead { effect, form, values, gain, share: gain / excess }
+    };
+    best.into_iter().map(lead).collect()
+}
+
+/// What each block could explain of what the fit `found` of `base` leaves; nothing of what can't be told from the fit's own numbers.
+fn score(
+    bench: &Bench<'_>,
+    base: &Hypothesis,
+    found: &Found,
+    blocks: Vec<Block>,
+    simulations: &AtomicUsize,
+) -> Vec<Option<Scored>> {
     let weights = noise_weights(bench);
     let size = found.z.len();
     let offsets: Vec<usize> = blocks
@@ -184,10 +251,7 @@ pub fn screen(
     let Some(nuisance) = information.cholesky() else { return Vec::new() };
     let settled = nuisance.solve(&gradient);
 
-    let rows = found.normal.rows();
-    let excess = (found.normal.cost(&weights) - rows as f64).max(1.0);
-    let mut best: BTreeMap<(&str, &str), Lead> = BTreeMap::new();
-    for (number, (block, &at)) in blocks.iter().zip(&offsets).enumerate() {
+    let scored = |(number, (block, at)): (usize, (Block, usize))| {
         let count = block.columns();
         let logs = bench.records.len();
         // Columns that belong to a log are columns of their own for every log; the rest are summed over the logs.
@@ -211,7 +275,7 @@ pub fn screen(
             // What the nuisances imitate to rounding can't be told from them.
             products[(i, i)] += 1e-9 * raw[i] + 1e-300;
         }
-        let Some((amplitudes, gain)) = solve(block, products, towards) else { continue };
+        let Solved { amplitudes, gain, whole } = solve(&block, products, towards)?;
         let mut values = block.values.clone();
         for (i, &place) in block.amplitudes.iter().enumerate() {
             // A fit starts every log alike; per-log amplitudes settle in its first step.
@@ -220,19 +284,20 @@ pub fn screen(
             let size = if mean == 0.0 { LEAST } else { mean.abs().clamp(LEAST, MOST).copysign(mean) };
             values[place] *= size;
         }
-        let lead = Lead { effect: block.effect, form: block.form, values, gain, share: gain / excess };
-        let slot = best.entry((block.effect.id(), block.form.name)).or_insert_with(|| lead.clone());
-        if lead.gain > slot.gain {
-            *slot = lead;
-        }
-    }
-    let mut leads: Vec<Lead> = best.into_values().collect();
-    leads.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    leads
+        Some(Scored { block, values, gain, whole })
+    };
+    blocks.into_iter().zip(offsets).enumerate().map(scored).collect()
+}
+
+/// Amplitudes of a block.
+struct Solved {
+    amplitudes: DVector<f64>,
+    gain: f64,
+    whole: f64,
 }
 
 /// Amplitudes and the chi-square they take; those of one sign only are held to it.
-fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option<(DVector<f64>, f64)> {
+fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option<Solved> {
     let gain = |a: &DVector<f64>| 2.0 * a.dot(&towards) - a.dot(&(&products * a));
     let single = products.nrows() == 1;
     let mut amplitudes = products.clone().cholesky()?.solve(&towards);
@@ -247,8 +312,9 @@ fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option
             amplitudes[0] = amplitudes[0].max(0.0);
         }
     }
+    let whole = if block.amplitudes.is_empty() { gain(&DVector::from_element(1, 1.0)) } else { gain(&amplitudes) };
     let gain = gain(&amplitudes);
-    gain.is_finite().then_some((amplitudes, gain.max(0.0)))
+    gain.is_finite().then_some(Solved { amplitudes, gain: gain.max(0.0), whole })
 }
 
 fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str]) -> Vec<Block> {

@@ -1,6 +1,6 @@
 //! The search: refit of the nominal plant, screening, full fits of what survives, alone and in pairs.
 
-use super::bench::{Bench, Freedom, Hypothesis, Record};
+use super::bench::{Axis, Bench, Freedom, Hypothesis, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle, settle_anew};
@@ -19,6 +19,8 @@ const LOCKED: f64 = 2.0;
 const NEARLY: f64 = 4.0;
 /// [`LOCKED`] of a refit, on which everything else hangs.
 const LOCKED_REFIT: f64 = 1.4;
+/// The same, and [`LOCKED_LEAST`], where the starts are what is to be found.
+const LOCKED_START: f64 = 1.05;
 
 /// An effect that leaves more than this of the squares soon is not followed farther.
 const WORTH_MORE: f64 = 0.85;
@@ -102,8 +104,14 @@ impl Search<'_> {
         if middle > NEARLY {
             return candidate;
         }
-        let times = if candidate.hypothesis.installed.is_empty() { LOCKED_REFIT } else { LOCKED };
-        let limit = LOCKED_LEAST.max(times * middle);
+        let hypothesis = &candidate.hypothesis;
+        let limit = if hypothesis.installed.is_empty() {
+            LOCKED_LEAST.max(LOCKED_REFIT * middle)
+        } else if hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+            LOCKED_START * middle.max(1.0)
+        } else {
+            LOCKED_LEAST.max(LOCKED * middle)
+        };
         let mut z = candidate.found.z.clone();
         for index in (0..chis.len()).filter(|index| chis[*index] > limit) {
             settle_anew(self.bench, &candidate.hypothesis, &mut z, index);
@@ -175,7 +183,9 @@ impl Search<'_> {
             // What the refit made of the starts is what the effect is about: they are found anew, log by log.
             let mut z = self.bench.origin(&hypothesis);
             self.settle(&hypothesis, &mut z);
-            return self.descend(&hypothesis, z, &STAGES);
+            let settled = self.descend(&hypothesis, z, &STAGES);
+            let found = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
+            return cheaper(settled, self.descend(&hypothesis, found, &LAST_STAGES));
         }
         let mut z = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
@@ -209,6 +219,25 @@ impl Search<'_> {
         let hypothesis = base.with(effect, form, &self.bench.scales());
         let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, values);
+        Some(self.descend(&hypothesis, z, &LAST_STAGES))
+    }
+
+    /// Another effect in the place of the last one of a fit, from where the fit ended: `form` takes the values of the same names.
+    pub fn in_kin(&self, fit: &Candidate, effect: &'static dyn Effect, form: &'static Form) -> Option<Candidate> {
+        let mut base = fit.hypothesis.clone();
+        let last = base.installed.pop()?;
+        let values = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
+        let hypothesis = base.with(effect, form, &self.bench.scales());
+        let value = |axis: &Axis| {
+            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (axis.parameter.name, false);
+            Some(values[last.axes.iter().position(same)?])
+        };
+        let values: Vec<f64> = hypothesis.installed.last()?.axes.iter().map(value).collect::<Option<_>>()?;
+        if values.is_empty() {
+            return None;
+        }
+        let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
+        self.bench.set_last(&hypothesis, &mut z, &values);
         Some(self.descend(&hypothesis, z, &LAST_STAGES))
     }
 

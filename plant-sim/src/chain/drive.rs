@@ -30,6 +30,10 @@ pub struct Drive {
     pub gain_growth_per_v: f64,
     /// c in u (1 + c u), an even nonlinearity in 1/V.
     pub curvature_per_v: f64,
+    /// g in u + g max(u - `changes_at_v`, 0): by how much the gain is another one above some voltage.
+    pub gain_change: f64,
+    /// That voltage.
+    pub changes_at_v: f64,
     /// Fastest rise of the output in V/s; infinite for none.
     pub slew_v_per_s: f64,
     /// Fastest fall of the output in V/s; infinite for none.
@@ -102,6 +106,8 @@ impl Drive {
         gain_skew: 0.0,
         gain_growth_per_v: 0.0,
         curvature_per_v: 0.0,
+        gain_change: 0.0,
+        changes_at_v: 0.0,
         slew_v_per_s: f64::INFINITY,
         slew_down_v_per_s: f64::INFINITY,
         lag: None,
@@ -120,7 +126,8 @@ impl Drive {
         };
         let magnitude_v = converted_v.abs();
         let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * magnitude_v) + self.gain_skew * magnitude_v;
-        let wanted_v = self.gain * amplified_v * (1.0 + self.curvature_per_v * amplified_v);
+        let bent_v = amplified_v * (1.0 + self.curvature_per_v * amplified_v);
+        let wanted_v = self.gain * (bent_v + self.gain_change * (bent_v - self.changes_at_v).max(0.0));
         let within_v =
             if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) };
         within_v + self.slope_beyond * (wanted_v - within_v)

@@ -86,6 +86,10 @@ impl LagState {
         self.value
     }
 
+    pub(super) fn slope(&self) -> f64 {
+        self.slope
+    }
+
     /// Moves through `duration_s` of the input `input[0] + input[1] t + input[2] t^2 + input[3] t^3` and returns the moments of the
     /// output. One state belongs to one lag.
     pub(super) fn pass(&mut self, lag: Option<Lag>, input: [f64; 4], duration_s: f64) -> Moments {

@@ -83,6 +83,8 @@ impl Shake {
 pub struct Arm {
     /// Share of the reading that the arm carries.
     pub share: f64,
+    /// Share of the arm's speed over its natural frequency that is read besides.
+    pub rate_share: f64,
     /// Natural frequency in Hz.
     pub hz: f64,
     /// Damping ratio.

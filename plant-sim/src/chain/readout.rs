@@ -105,7 +105,11 @@ impl Readout {
     fn seen_m(&self) -> f64 {
         let q = self.structure[0];
         let crept: f64 = self.creep.iter().zip(&self.relaxed_m).map(|(c, relaxed_m)| c.share * relaxed_m).sum();
-        let swung: f64 = self.arms.iter().map(|(arm, follower)| arm.share * (follower.value() - q)).sum();
+        let swing = |(arm, follower): &(Arm, LagState)| {
+            let rate_m = follower.slope() / (std::f64::consts::TAU * arm.hz);
+            arm.share * (follower.value() - q) + arm.rate_share * rate_m
+        };
+        let swung: f64 = self.arms.iter().map(swing).sum();
         q + crept + swung
     }
 

@@ -63,7 +63,10 @@ const FORMS: &[Form] = &[
             let drive_v = scales.drive_v;
             let knee =
                 Parameter::shape("knee_v", "V", [2e-3 * drive_v, 0.3 * drive_v], vec![0.02 * drive_v, 0.1 * drive_v]);
-            vec![level(scales), knee]
+            let hard = level(scales);
+            // A wide knee compresses what stays below the level.
+            let bounds = [hard.bounds[0], 1.5 * hard.bounds[1]];
+            vec![Parameter { bounds, ..hard }, knee]
         },
         |chain, p| {
             narrow(&mut chain.drive.range_v, [-p[0], p[0]]);

@@ -10,11 +10,12 @@ const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
-               for v > 0 and smaller for v < 0; or a drive u (1 + c u); or a dead zone about \
-               m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage of the hysteron, \
-               alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: drive, c: curvature, k: stiffness",
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or a dead zone about \
+               m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage \
+               of the hysteron, alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: \
+               drive, c: curvature, g: change of the gain beyond a, k: stiffness",
     source: "that the hysteresis of ceramics is asymmetric: Wei 2014 (Precision Engineering 38), arXiv 2412.08332; \
-             these forms and their size assumed",
+             a drive with a one-sided dead zone: Kuhnen 2003 (Eur. J. Control 9); the other forms and their size assumed",
     typical: "even part 1 to 5 % of the stroke",
     installs: "a skew of capacitances or slopes, or an even term of the drive",
     signature: "even harmonics that show a loop; the two ends of the loop differ",
@@ -44,5 +45,21 @@ const FORMS: &[Form] = &[
         "drive",
         |scales| vec![Parameter::signed("curvature_per_v", "1/V", 0.3 / scales.drive_v, 0.02 / scales.drive_v)],
         |chain, p| chain.drive.curvature_per_v += p[0],
+    ),
+    // The same on the other side of a place is this and a gain.
+    Form::predictable(
+        "drive-one-sided",
+        |scales| {
+            let [low_v, high_v] = scales.command_v;
+            let at = |share: f64| low_v + share * (high_v - low_v);
+            vec![
+                Parameter::signed("gain_change", "", 0.5, 0.02),
+                Parameter::place("from_v", "V", [0.03, 0.97].map(at), [0.2, 0.4, 0.6, 0.8].map(at).to_vec()),
+            ]
+        },
+        |chain, p| {
+            chain.drive.gain_change += p[0];
+            chain.drive.changes_at_v = p[1];
+        },
     ),
 ];

@@ -10,10 +10,11 @@ const ABOUT: About = About {
     title: "vibration mode",
     what: "Another part of the structure swings at a frequency of its own.",
     equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c \
-               w^2 F / (s^2 + 2 z w s + w^2). m, x: mass and displacement of the part, q: displacement of the plant, \
-               y: of what the sensor sees, w: natural frequency, z: damping ratio, c: static compliance, F: drive \
-               force, s: Laplace's variable",
-    source: "that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form \
+               w^2 F / (s^2 + 2 z w s + w^2); arm: y = q + (a (w^2 / N - 1) + b w s / N) q with N that denominator. m, \
+               x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: \
+               natural frequency, z: damping ratio, c: static compliance, F: drive force, a: share of the reading on \
+               the arm, b: the same of its speed, s: Laplace's variable",
+    source: "residues that are no real numbers, where damping is local: Ewins 2000 (Modal Testing); that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form \
              common, size assumed",
     typical: "1 to 30 % of the main resonance's height, damping ratio 0.002 to 0.03",
     installs: "an oscillator, fixed to the moving mass or beside it",
@@ -89,7 +90,7 @@ const FORMS: &[Form] = &[
             let [hz, damping_ratio] = resonance(scales);
             vec![Parameter::signed("arm_share", "", 0.9, 0.01), hz, damping_ratio]
         },
-        |chain, p| chain.parts.arms.push(Arm { share: p[0], hz: p[1], damping_ratio: p[2] }),
+        |chain, p| chain.parts.arms.push(Arm { share: p[0], rate_share: 0.0, hz: p[1], damping_ratio: p[2] }),
     ),
     Form::predictable(
         "attached-and-read",
@@ -101,7 +102,17 @@ const FORMS: &[Form] = &[
         |chain, p| {
             attach(chain, &[p[0], p[2], p[3]]);
             // The mass that reacts follows the structure as an arm does.
-            chain.parts.arms.push(Arm { share: p[1], hz: p[2], damping_ratio: p[3] });
+            chain.parts.arms.push(Arm { share: p[1], rate_share: 0.0, hz: p[2], damping_ratio: p[3] });
         },
+    ),
+    // Damping that belongs to a joint and not to all of the structure turns the phase of what a mode adds.
+    Form::predictable(
+        "arm-out-of-phase",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            let share = |name| Parameter::signed(name, "", 0.9, 0.01);
+            vec![share("arm_share"), share("rate_share"), hz, damping_ratio]
+        },
+        |chain, p| chain.parts.arms.push(Arm { share: p[0], rate_share: p[1], hz: p[2], damping_ratio: p[3] }),
     ),
 ];
