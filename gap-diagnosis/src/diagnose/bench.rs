@@ -347,8 +347,8 @@ impl<'a> Bench<'a> {
                 .fold([0.0f64, 0.0f64], |all, one| [all[0].min(one[0]), all[1].max(one[1])])
         };
         Scales {
-            command_v: range(&|log| extremes(&log.command_v)),
-            displacement_m: range(&|log| extremes(&log.displacement_m)),
+            command_v: range(&|log| extremes(log.command_v.iter().copied())),
+            displacement_m: range(&|log| extremes(log.displacement_m.iter().copied())),
             plant: &self.chain.plant,
             stroke_m: self.stroke_m,
             drive_v: self.drive_v,
@@ -606,8 +606,8 @@ fn smooth_rate(log: &Log) -> f64 {
 }
 
 /// Smallest and largest of `values`.
-pub(super) fn extremes(values: &[f64]) -> [f64; 2] {
-    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)])
+pub(super) fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Errors that repeat over the displacement or over the command, as an encoder's or a converter's do: the periods at which what a plant
 //! leaves holds power over the place, not over time.
 
-use super::bench::{Bench, Record, extremes};
+use super::bench::{Bench, extremes};
+use super::events::pulse;
 use super::lines::peaks;
 use super::search::{Remainder, after_run_in};
 use realfft::RealFftPlanner;
@@ -24,30 +25,48 @@ const MOST_PERIODS: f64 = 0.125 * PLACES as f64;
 
 /// Periods over the predicted displacement in metres, strongest first.
 pub fn over_displacement(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
-    periods(bench, remainders, |record, row, residual_m| record.log.displacement_m[row] - residual_m)
-}
-
-/// Periods over the command that acted last, in volts, strongest first.
-pub fn over_command(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
-    periods(bench, remainders, |record, row, _| record.log.command_v[row.saturating_sub(1)])
-}
-
-fn periods(bench: &Bench<'_>, remainders: &[Remainder], place: impl Fn(&Record<'_>, usize, f64) -> f64) -> Vec<f64> {
-    let pairs = || {
+    let points = || {
         after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
-            residual_m.iter().enumerate().map(move |(row, &r)| (record, record.run_in + row, r))
+            let read_m = record.log.displacement_m[record.run_in..].iter();
+            read_m.zip(residual_m).map(|(y, r)| (y - r, r / record.noise_m))
         })
     };
-    let places: Vec<f64> = pairs().map(|(record, row, r)| place(record, row, r)).collect();
-    let [low, high] = extremes(&places);
+    periods(extremes(points().map(|(at_m, _)| at_m)), points())
+}
+
+/// Periods over the command in volts, strongest first.
+pub fn over_command(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
+    let range_v = extremes(bench.records.iter().flat_map(|r| r.log.command_v[r.run_in..].iter().copied()));
+    // What a command does comes late and rings on: what is left is gathered along the plant's answer to each.
+    let chain = bench.model.chain();
+    let gathered = after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
+        let answer_m = pulse(&chain, record.log.dt_s, record.log.meta.latency_s).unwrap_or_default();
+        let unit_m2 = record.noise_m * answer_m.iter().map(|h| h * h).sum::<f64>().sqrt();
+        let along = move |k: usize| residual_m[k..].iter().zip(&answer_m).map(|(r, h)| r * h).sum::<f64>() / unit_m2;
+        record.log.command_v[record.run_in..].iter().enumerate().map(move |(k, u)| (*u, along(k)))
+    });
+    let found = periods(range_v, gathered);
+    if !found.is_empty() {
+        return found;
+    }
+    // Where commands are slow, what acted last is what is seen.
+    let last = after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
+        let acted = |k: usize| record.log.command_v[(record.run_in + k).saturating_sub(1)];
+        residual_m.iter().enumerate().map(move |(k, r)| (acted(k), r / record.noise_m))
+    });
+    periods(range_v, last)
+}
+
+/// Periods of the second of each of the `points` over the first, its place within `low` and `high`; the second is in units of its noise.
+fn periods([low, high]: [f64; 2], points: impl Iterator<Item = (f64, f64)>) -> Vec<f64> {
     let width = (high - low) / PLACES as f64;
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
     let mut sums = vec![(0.0, 0.0); PLACES];
-    for (at, (record, _, r)) in places.iter().zip(pairs()) {
+    for (at, value) in points {
         let sum = &mut sums[(((at - low) / width) as usize).min(PLACES - 1)];
-        *sum = (sum.0 + r / record.noise_m, sum.1 + 1.0);
+        *sum = (sum.0 + value, sum.1 + 1.0);
     }
     let power = power(&uncurved(&sums));
     let [fewest, most] = [FEWEST, MOST_PERIODS].map(|periods| (periods * PADDING as f64) as usize);
@@ -105,8 +124,10 @@ fn power(values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::diagnose::records::record;
-    use plant_sim::log::Log;
+    use plant_sim::chain::{Chain, Drive};
+    use plant_sim::log::{Hold, Log};
     use plant_sim::model::Model;
+    use plant_sim::replay::{Start, predict};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
     use std::path::Path;
@@ -149,6 +170,28 @@ mod tests {
         let step_m = 0.11e-6;
         let [metres, _] = found(|q, _| (q / step_m).round() * step_m - q);
         assert!((metres[0] / step_m - 1.0).abs() < 2e-4, "{metres:?}");
+    }
+
+    #[test]
+    fn the_stairs_are_found_through_the_plant_where_every_command_crosses_many() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let model = Model::read(&path).expect("the thesis' plant");
+        let chain = model.chain();
+        let mut random = Pcg64::seed_from_u64(4);
+        let step_v = 0.25;
+        let command_v: Vec<f64> = (0..40_000).map(|k| 55.0 * (0.11 * f64::from(k)).sin()).collect();
+        let mut log = Log { dt_s: 5e-5, displacement_m: vec![0.0; command_v.len()], command_v, ..Log::default() };
+        log.meta.hold = Hold::Zoh;
+        let coarse = Chain { drive: Drive { quantum_v: step_v, ..Drive::IDEAL }, ..chain.clone() };
+        let [fine_m, coarse_m] = [&chain, &coarse].map(|chain| predict(chain, &log, &Start::relaxed(chain), log.len()));
+        let residual_m: Vec<f64> =
+            coarse_m.iter().zip(&fine_m).map(|(y, p)| y - p + 10e-9 * random.random_range(-1.7..1.7)).collect();
+        log.displacement_m = fine_m.iter().zip(&residual_m).map(|(p, r)| p + r).collect();
+        let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
+        let remainders = [Remainder { velocity_m_per_s: vec![0.0; residual_m.len()], residual_m }];
+        let volts = over_command(&bench, &remainders);
+        // A fifth of a period over the whole range: near enough for a fit to follow.
+        assert!((volts[0] / step_v - 1.0).abs() < 0.2 * step_v / 110.0, "{volts:?}");
     }
 
     #[test]

@@ -401,7 +401,7 @@ impl Walk {
 
 /// What one volt over one sample makes of the displacement from that row on, until it has died away; metres per volt.
 /// `None` where nothing comes through.
-fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Option<Vec<f64>> {
+pub(super) fn pulse(chain: &Chain, sample_s: f64, latency_s: f64) -> Option<Vec<f64>> {
     let play = |volts: f64| {
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         let reading = |k: usize| {

@@ -47,7 +47,7 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         before_v: before(log, chain),
         stretch: (log.len() / STRETCHES).max(16),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
-            let [low, high] = extremes(drive_v);
+            let [low, high] = extremes(drive_v.iter().copied());
             noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
         }),
     }
@@ -88,7 +88,7 @@ pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
 
 /// Drive held before the first row and its uncertainty, from the first displacement.
 fn before(log: &Log, chain: &Chain) -> [f64; 2] {
-    let [low, high] = extremes(&log.command_v);
+    let [low, high] = extremes(log.command_v.iter().copied());
     let span_v = (high.max(0.0) - low.min(0.0)).max(1e-9);
     let rows = log.len().min(3);
     let first_m = log.displacement_m[..rows].iter().sum::<f64>() / rows as f64;
