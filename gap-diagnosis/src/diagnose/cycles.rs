@@ -40,10 +40,13 @@ pub fn over_command(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     // What a command does comes late and rings on: what is left is gathered along the plant's answer to each.
     let chain = bench.model.chain();
     let gathered = after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
-        let answer_m = pulse(&chain, record.log.dt_s, record.log.meta.latency_s).unwrap_or_default();
-        let unit_m2 = record.noise_m * answer_m.iter().map(|h| h * h).sum::<f64>().sqrt();
-        let along = move |k: usize| residual_m[k..].iter().zip(&answer_m).map(|(r, h)| r * h).sum::<f64>() / unit_m2;
-        record.log.command_v[record.run_in..].iter().enumerate().map(move |(k, u)| (*u, along(k)))
+        let answer_m = pulse(&chain, record.log.dt_s, record.log.meta.latency_s);
+        answer_m.into_iter().flat_map(move |answer_m| {
+            let unit_m2 = record.noise_m * answer_m.iter().map(|h| h * h).sum::<f64>().sqrt();
+            let along =
+                move |k: usize| residual_m[k..].iter().zip(&answer_m).map(|(r, h)| r * h).sum::<f64>() / unit_m2;
+            record.log.command_v[record.run_in..].iter().enumerate().map(move |(k, u)| (*u, along(k)))
+        })
     });
     let found = periods(range_v, gathered);
     if !found.is_empty() {

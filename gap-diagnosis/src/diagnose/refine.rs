@@ -85,7 +85,6 @@ mod tests {
         let leads = search.screen(&refit, &Starts::of(&bench, &search.play(&refit)), &[]);
         let both = leads.iter().find(|lead| lead.effect.id() == "amplifier_saturation" && lead.form.name == "both");
         let both = both.expect("screened");
-        println!("{:?} {}", both.values, both.share);
         assert!((both.values[0] / limit_v - 1.0).abs() < 0.02, "{:?}", both.values);
     }
 }

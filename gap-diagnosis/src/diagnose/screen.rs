@@ -93,8 +93,8 @@ pub(super) struct Scored {
 }
 
 impl Block {
-    /// How far the search for each parameter's best value goes first, in coordinates: half the way to the next start; nothing for amplitudes, and
-    /// for what was read off the residual.
+    /// How far the search for each parameter's best value goes first, in coordinates: half the way to the next start; nothing for amplitudes,
+    /// and for what was read off the residual.
     pub fn steps(&self) -> Vec<f64> {
         let Some(installed) = self.hypothesis.installed.last() else { return Vec::new() };
         let step = |(axis, value): (&Axis, &f64)| {
