@@ -2,6 +2,7 @@
 
 use super::parts::narrow;
 use super::{About, Form, Parameter, Scales};
+use crate::chain::Chain;
 
 effect!(AmplifierSaturation, "amplifier_saturation", Drive);
 
@@ -21,63 +22,79 @@ const ABOUT: About = About {
     spec: "ladder:60V/12,hold=0.5s",
 };
 
-/// Where limits may lie and where a search starts, in shares of the half span from its middle.
+/// Where limits may lie and where a search starts, in shares of the half span from its middle. One with a wide corner compresses what stays
+/// below it, and may lie farther out.
 const BOUNDS: [f64; 2] = [0.3, 1.05];
+const SOFT_BOUNDS: [f64; 2] = [0.3, 1.6];
 const STARTS: [f64; 4] = [0.6, 0.75, 0.9, 0.97];
 
 /// A limit on the upper (`side` = 1) or lower (-1) side of the command.
-fn limit(name: &'static str, scales: &Scales<'_>, side: f64) -> Parameter {
+fn limit(name: &'static str, scales: &Scales<'_>, side: f64, within: [f64; 2]) -> Parameter {
     let middle_v = 0.5 * (scales.command_v[0] + scales.command_v[1]);
     let at = |share: f64| middle_v + side * share * scales.drive_v;
-    let mut bounds = BOUNDS.map(at);
+    let mut bounds = within.map(at);
     bounds.sort_by(f64::total_cmp);
     Parameter::place(name, "V", bounds, STARTS.map(at).to_vec())
 }
 
 /// A limit of the magnitude.
-fn level(scales: &Scales<'_>) -> Parameter {
+fn level(scales: &Scales<'_>, within: [f64; 2]) -> Parameter {
     let largest_v = scales.command_v[0].abs().max(scales.command_v[1].abs());
-    Parameter::shape("level_v", "V", BOUNDS.map(|b| b * largest_v), STARTS.map(|s| s * largest_v).to_vec())
+    Parameter::shape("level_v", "V", within.map(|b| b * largest_v), STARTS.map(|s| s * largest_v).to_vec())
+}
+
+/// Width of a rounded corner.
+fn knee(scales: &Scales<'_>) -> Parameter {
+    let at = |share: f64| share * scales.drive_v;
+    Parameter::shape("knee_v", "V", [2e-3, 0.3].map(at), [0.02, 0.1].map(at).to_vec())
+}
+
+fn soften(chain: &mut Chain, range_v: [f64; 2], knee_v: f64) {
+    narrow(&mut chain.drive.range_v, range_v);
+    chain.drive.knee_v = chain.drive.knee_v.max(knee_v);
 }
 
 const FORMS: &[Form] = &[
     Form::predictable(
         "upper",
-        |scales| vec![limit("upper_v", scales, 1.0)],
+        |scales| vec![limit("upper_v", scales, 1.0, BOUNDS)],
         |chain, p| narrow(&mut chain.drive.range_v, [f64::NEG_INFINITY, p[0]]),
     ),
     Form::predictable(
         "lower",
-        |scales| vec![limit("lower_v", scales, -1.0)],
+        |scales| vec![limit("lower_v", scales, -1.0, BOUNDS)],
         |chain, p| narrow(&mut chain.drive.range_v, [p[0], f64::INFINITY]),
     ),
-    Form::predictable("both", |scales| vec![level(scales)], |chain, p| narrow(&mut chain.drive.range_v, [-p[0], p[0]])),
+    Form::predictable(
+        "both",
+        |scales| vec![level(scales, BOUNDS)],
+        |chain, p| narrow(&mut chain.drive.range_v, [-p[0], p[0]]),
+    ),
     Form::predictable(
         "each-side",
-        |scales| vec![limit("upper_v", scales, 1.0), limit("lower_v", scales, -1.0)],
+        |scales| vec![limit("upper_v", scales, 1.0, BOUNDS), limit("lower_v", scales, -1.0, BOUNDS)],
         |chain, p| narrow(&mut chain.drive.range_v, [p[1], p[0]]),
     ),
     Form::predictable(
         "soft",
-        |scales| {
-            let drive_v = scales.drive_v;
-            let knee =
-                Parameter::shape("knee_v", "V", [2e-3 * drive_v, 0.3 * drive_v], vec![0.02 * drive_v, 0.1 * drive_v]);
-            let hard = level(scales);
-            // A wide knee compresses what stays below the level.
-            let bounds = [hard.bounds[0], 1.5 * hard.bounds[1]];
-            vec![Parameter { bounds, ..hard }, knee]
-        },
-        |chain, p| {
-            narrow(&mut chain.drive.range_v, [-p[0], p[0]]);
-            chain.drive.knee_v = chain.drive.knee_v.max(p[1]);
-        },
+        |scales| vec![level(scales, SOFT_BOUNDS), knee(scales)],
+        |chain, p| soften(chain, [-p[0], p[0]], p[1]),
+    ),
+    Form::predictable(
+        "soft-upper",
+        |scales| vec![limit("upper_v", scales, 1.0, SOFT_BOUNDS), knee(scales)],
+        |chain, p| soften(chain, [f64::NEG_INFINITY, p[0]], p[1]),
+    ),
+    Form::predictable(
+        "soft-lower",
+        |scales| vec![limit("lower_v", scales, -1.0, SOFT_BOUNDS), knee(scales)],
+        |chain, p| soften(chain, [p[0], f64::INFINITY], p[1]),
     ),
     Form::predictable(
         "compressing",
         |scales| {
             let drive_v = scales.drive_v;
-            let level = level(scales);
+            let level = level(scales, BOUNDS);
             let bounds = [level.bounds[0], 3.0 * level.bounds[1]];
             let starts = [0.7, 0.9, 1.5].map(|share| share * drive_v).to_vec();
             vec![
@@ -87,8 +104,7 @@ const FORMS: &[Form] = &[
             ]
         },
         |chain, p| {
-            narrow(&mut chain.drive.range_v, [-p[0], p[0]]);
-            chain.drive.knee_v = chain.drive.knee_v.max(p[1]);
+            soften(chain, [-p[0], p[0]], p[1]);
             chain.drive.slope_beyond = p[2];
         },
     ),
