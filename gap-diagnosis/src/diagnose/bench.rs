@@ -613,12 +613,11 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
+    use crate::diagnose::thesis;
 
     #[test]
     fn a_hysteron_that_seldom_opens_holds_little_at_rest() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let mut model = Model::read(&path).expect("the thesis' plant");
+        let mut model = thesis();
         let bench = Bench::new(&model, Vec::new());
         // 120 um close the fast one's 7.26 V by 9.85 V: 2.6 V stay when it has come back; the slow one opens at half of that.
         let closed_v = 0.046311 * 120e-6 / 5.6425e-7;

@@ -127,18 +127,16 @@ fn power(values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
     use plant_sim::chain::{Chain, Drive};
     use plant_sim::log::{Hold, Log};
-    use plant_sim::model::Model;
     use plant_sim::replay::{Start, predict};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
-    use std::path::Path;
 
     /// Periods over displacement and over command of what is left where `error` is made of them, with 30 nm of noise.
     fn found(error: impl Fn(f64, f64) -> f64) -> [Vec<f64>; 2] {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let mut random = Pcg64::seed_from_u64(3);
         let rows = 40_000;
         // A loop: the displacement isn't a function of the command.
@@ -177,8 +175,7 @@ mod tests {
 
     #[test]
     fn the_stairs_are_found_through_the_plant_where_every_command_crosses_many() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let chain = model.chain();
         let mut random = Pcg64::seed_from_u64(4);
         let step_v = 0.25;

@@ -1,10 +1,10 @@
 //! Commands that never arrived and readings that stayed, found row by row in what a fit leaves.
 //!
 //! A command that is lost leaves the drive where it was: a pulse whose height the log tells and whose echo in the displacement the plant
-//! tells. A reading that is lost leaves the number where it was, be the noise a new one: the same with the predicted displacement and
-//! without an echo; or with one from some rows before, or with a mean of them. So whether a stretch of rows was lost is a comparison of two predictions without any free number. Stretches are taken
-//! greedily, the most certain first; what they leave shows the next. Delays, slews and jitter leave such pulses at no height or at
-//! every height, and at every row, so that their shares don't crowd at one.
+//! tells. A reading that is lost leaves the number where it was, or at that of some rows before, or at a mean of them, be the noise a new
+//! one: the same with the predicted displacement and without an echo. So whether a stretch of rows was lost is a comparison of two
+//! predictions without any free number. Stretches are taken greedily, the most certain first; what they leave shows the next. Delays,
+//! slews and jitter leave such pulses at no height or at every height, and at every row, so that their shares don't crowd at one.
 
 use super::bench::{Bench, Record};
 use super::judge::Course;
@@ -43,7 +43,7 @@ const LEAVES: f64 = 0.5;
 /// Rows from which a reading that stayed is told: as many to either side are its slow part.
 const READING_ROWS: usize = 8;
 
-/// How far back what a lost row shows instead may lie.
+/// How far back what a lost reading shows instead may lie, in rows.
 const FARTHEST: usize = 8;
 
 /// What a row shows instead.
@@ -55,6 +55,16 @@ enum Instead {
     Older(usize),
     /// The mean of so many rows before.
     Mean(usize),
+}
+
+impl Instead {
+    /// Rows that must lie before.
+    fn rows(self) -> usize {
+        match self {
+            Instead::Last => 1,
+            Instead::Older(rows) | Instead::Mean(rows) => rows,
+        }
+    }
 }
 
 /// What was lost.
@@ -281,7 +291,7 @@ impl Walk {
             echo_m,
             ahead,
             products_m2,
-            first: record.run_in.max(FARTHEST),
+            first: record.run_in.max(instead.rows()),
             noise2: record.noise_m.powi(2),
             shares: Vec::new(),
             visible: Vec::new(),
@@ -435,16 +445,15 @@ fn without_slow(values: &[f64], half: usize) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
     use plant_sim::model::Model;
     use plant_sim::replay::{Start, predict};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
-    use std::path::Path;
 
     /// A log of the thesis' plant whose drive followed what `acting` makes of the commands, with 20 nm of noise.
     fn log(acting: impl Fn(&[f64]) -> Vec<f64>) -> (Model, Log) {
-        let model =
-            Model::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml")).expect("ours");
+        let model = thesis();
         let mut random = Pcg64::seed_from_u64(5);
         let command_v: Vec<f64> =
             (0..6000).map(|k| 25.0 * (0.02 * f64::from(k)).sin() + 12.0 * (0.11 * f64::from(k)).sin()).collect();

@@ -157,15 +157,13 @@ fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64
 mod tests {
     use super::*;
     use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
     use plant_sim::log::Log;
-    use plant_sim::model::Model;
     use std::f64::consts::TAU;
-    use std::path::Path;
 
     #[test]
     fn the_line_of_a_long_log_is_not_missed_between_two_places_of_a_grid() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let rows = 60_000;
         // A minute at 1 kHz: the line is a sixtieth of a hertz wide.
         let residual_m: Vec<f64> = (0..rows).map(|k| 1e-7 * (TAU * 50.003 * 1e-3 * f64::from(k)).sin()).collect();

@@ -166,3 +166,10 @@ pub fn diagnose(
     }
     Ok(found)
 }
+
+/// The thesis' plant, on which tests of the parts rest.
+#[cfg(test)]
+fn thesis() -> Model {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+    Model::read(&path).expect("the thesis' plant")
+}

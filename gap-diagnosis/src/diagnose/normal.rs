@@ -341,15 +341,13 @@ mod tests {
     use super::*;
     use crate::diagnose::bench::Freedom;
     use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
     use plant_sim::effects::find;
-    use plant_sim::model::Model;
-    use std::path::Path;
 
     /// A spring that softens with the cube lets go beyond some displacement, and the plant is no number any more.
     #[test]
     fn a_fit_that_has_run_away_is_far_off() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let mut log =
             Log { dt_s: 5e-5, displacement_m: vec![0.0; 4000], command_v: vec![60.0; 4000], ..Log::default() };
         log.displacement_m.iter_mut().enumerate().for_each(|(k, y)| *y = 1e-4 + 1e-8 * (k % 7) as f64);
@@ -368,8 +366,7 @@ mod tests {
     /// What only the sensor makes of a displacement needs no plant of its own, and comes out the same to the last digit.
     #[test]
     fn a_plant_read_by_another_sensor_is_not_played_again() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let command_v: Vec<f64> = (0..3000).map(|k| 50.0 * (0.013 * f64::from(k)).sin()).collect();
         let log = Log {
             dt_s: 5e-5,

@@ -59,17 +59,15 @@ mod tests {
     use crate::diagnose::records::record;
     use crate::diagnose::screen::Starts;
     use crate::diagnose::search::Search;
+    use crate::diagnose::thesis;
     use plant_sim::chain::{Chain, Drive};
     use plant_sim::log::Log;
-    use plant_sim::model::Model;
     use plant_sim::replay::{Start, predict};
-    use std::path::Path;
     use std::sync::atomic::AtomicUsize;
 
     #[test]
     fn a_limit_between_the_starts_of_the_grid_is_promised_where_it_is() {
-        let model =
-            Model::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml")).expect("ours");
+        let model = thesis();
         let mut log = Log { dt_s: 5e-5, ..Log::default() };
         log.command_v =
             (0..4000).map(|k| 30.0 * (0.01 * f64::from(k)).sin() + 28.0 * (0.0043 * f64::from(k)).sin()).collect();

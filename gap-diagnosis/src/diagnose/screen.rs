@@ -70,6 +70,7 @@ pub struct Lead {
 }
 
 /// One combination of shapes of one form: its columns are its amplitudes, or the form itself if it has none.
+#[derive(Clone)]
 pub(super) struct Block {
     effect: &'static dyn Effect,
     form: &'static Form,
@@ -113,11 +114,9 @@ impl Block {
     pub fn moved(&self, values: &[f64], i: usize, by: f64) -> Option<Self> {
         let axis = self.hypothesis.installed.last()?.axes.get(i)?;
         let to = axis.value(axis.coordinate(values[i]) + by);
-        let mut values = values.to_vec();
-        let here = std::mem::replace(&mut values[i], to);
-        let Self { effect, form, per_log, .. } = *self;
-        let (amplitudes, hypothesis) = (self.amplitudes.clone(), self.hypothesis.clone());
-        (to != here).then_some(Self { effect, form, values, amplitudes, per_log, hypothesis })
+        let mut moved = Self { values: values.to_vec(), ..self.clone() };
+        moved.values[i] = to;
+        (to != values[i]).then_some(moved)
     }
 
     fn columns(&self) -> usize {
@@ -289,7 +288,7 @@ fn score(
     blocks.into_iter().zip(offsets).enumerate().map(scored).collect()
 }
 
-/// Amplitudes of a block.
+/// Amplitudes of a block, and what [`Scored`] says of them.
 struct Solved {
     amplitudes: DVector<f64>,
     gain: f64,
@@ -312,9 +311,9 @@ fn solve(block: &Block, products: DMatrix<f64>, towards: DVector<f64>) -> Option
             amplitudes[0] = amplitudes[0].max(0.0);
         }
     }
-    let whole = if block.amplitudes.is_empty() { gain(&DVector::from_element(1, 1.0)) } else { gain(&amplitudes) };
-    let gain = gain(&amplitudes);
-    gain.is_finite().then_some(Solved { amplitudes, gain: gain.max(0.0), whole })
+    let taken = gain(&amplitudes);
+    let whole = if block.amplitudes.is_empty() { gain(&DVector::from_element(1, 1.0)) } else { taken };
+    taken.is_finite().then_some(Solved { amplitudes, gain: taken.max(0.0), whole })
 }
 
 fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str]) -> Vec<Block> {

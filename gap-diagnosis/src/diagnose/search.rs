@@ -6,7 +6,7 @@ use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::{carry, settle, settle_anew};
 use super::screen::{Lead, Starts, screen};
 use crate::residual::samples_per_independent;
-use plant_sim::effects::{Effect, Form, Kind};
+use plant_sim::effects::{Effect, Form, Kind, Parameter};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -105,13 +105,14 @@ impl Search<'_> {
             return candidate;
         }
         let hypothesis = &candidate.hypothesis;
-        let limit = if hypothesis.installed.is_empty() {
-            LOCKED_LEAST.max(LOCKED_REFIT * middle)
+        let [least, times] = if hypothesis.installed.is_empty() {
+            [LOCKED_LEAST, LOCKED_REFIT]
         } else if hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
-            LOCKED_START * middle.max(1.0)
+            [LOCKED_START; 2]
         } else {
-            LOCKED_LEAST.max(LOCKED * middle)
+            [LOCKED_LEAST, LOCKED]
         };
+        let limit = least.max(times * middle);
         let mut z = candidate.found.z.clone();
         for index in (0..chis.len()).filter(|index| chis[*index] > limit) {
             settle_anew(self.bench, &candidate.hypothesis, &mut z, index);
@@ -213,32 +214,38 @@ impl Search<'_> {
         form: &'static Form,
         values: &[f64],
     ) -> Option<Candidate> {
-        let mut base = fit.hypothesis.clone();
-        let place = base.installed.iter().position(|installed| installed.effect.id() == effect.id())?;
-        base.installed.remove(place);
-        let hypothesis = base.with(effect, form, &self.bench.scales());
-        let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
-        self.bench.set_last(&hypothesis, &mut z, values);
-        Some(self.descend(&hypothesis, z, &LAST_STAGES))
+        let place = fit.hypothesis.installed.iter().position(|installed| installed.effect.id() == effect.id())?;
+        Some(self.replaced(fit, place, effect, form, values))
     }
 
     /// Another effect in the place of the last one of a fit, from where the fit ended: `form` takes the values of the same names.
     pub fn in_kin(&self, fit: &Candidate, effect: &'static dyn Effect, form: &'static Form) -> Option<Candidate> {
-        let mut base = fit.hypothesis.clone();
-        let last = base.installed.pop()?;
-        let values = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
-        let hypothesis = base.with(effect, form, &self.bench.scales());
-        let value = |axis: &Axis| {
-            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (axis.parameter.name, false);
-            Some(values[last.axes.iter().position(same)?])
+        let last = fit.hypothesis.installed.last()?;
+        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
+        let value = |parameter: Parameter| {
+            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (parameter.name, false);
+            Some(found[last.axes.iter().position(same)?])
         };
-        let values: Vec<f64> = hypothesis.installed.last()?.axes.iter().map(value).collect::<Option<_>>()?;
-        if values.is_empty() {
-            return None;
-        }
+        let values: Option<Vec<f64>> = (form.parameters)(&self.bench.scales()).into_iter().map(value).collect();
+        let values = values.filter(|values| !values.is_empty())?;
+        Some(self.replaced(fit, fit.hypothesis.installed.len() - 1, effect, form, &values))
+    }
+
+    /// A fit with a form of `effect` instead of what is installed at `place`; it is installed last then.
+    fn replaced(
+        &self,
+        fit: &Candidate,
+        place: usize,
+        effect: &'static dyn Effect,
+        form: &'static Form,
+        values: &[f64],
+    ) -> Candidate {
+        let mut base = fit.hypothesis.clone();
+        base.installed.remove(place);
+        let hypothesis = base.with(effect, form, &self.bench.scales());
         let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
-        self.bench.set_last(&hypothesis, &mut z, &values);
-        Some(self.descend(&hypothesis, z, &LAST_STAGES))
+        self.bench.set_last(&hypothesis, &mut z, values);
+        self.descend(&hypothesis, z, &LAST_STAGES)
     }
 
     /// Effect number `kept` of a fit alone, from where the fit ended.

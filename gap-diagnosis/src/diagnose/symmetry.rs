@@ -230,14 +230,12 @@ fn free_one(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plant_sim::model::Model;
-    use std::path::Path;
+    use crate::diagnose::thesis;
 
     /// A payload is seen in numbers of which two have locked one another; numbers that moved each for itself show none.
     #[test]
     fn a_payload_is_seen_beside_numbers_that_went_astray() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let bench = Bench::new(&model, Vec::new());
         let payload = |q: Quantity| if matches!(q, Quantity::DeadZone(_)) { 0.0 } else { -0.27 };
         let moved = |q: Quantity| match q {
@@ -256,8 +254,7 @@ mod tests {
     /// most, however many numbers it shifts. Any other shift of one number costs its own sigma.
     #[test]
     fn a_mass_within_its_sigma_is_no_payload() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
-        let model = Model::read(&path).expect("the thesis' plant");
+        let model = thesis();
         let bench = Bench::new(&model, Vec::new());
         let prior = prior(&bench).expect("a prior");
         let (_, _, payload) = directions(&bench).into_iter().find(|(id, ..)| *id == "payload_mass").expect("payload");

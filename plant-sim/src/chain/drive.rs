@@ -7,7 +7,8 @@ use rand_pcg::Pcg64;
 /// Keeps the drive's draws apart from the sensor's, which has the same seed.
 const STREAM: u64 = 0x6472_6976_6500_0000;
 
-/// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, saturation, slew, lag, warming.
+/// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, a gain that changes,
+/// saturation, slew, lag, warming.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// Lowest and highest output in volts; infinite for none.

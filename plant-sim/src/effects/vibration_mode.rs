@@ -14,8 +14,9 @@ const ABOUT: About = About {
                x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: \
                natural frequency, z: damping ratio, c: static compliance, F: drive force, a: share of the reading on \
                the arm, b: the same of its speed, s: Laplace's variable",
-    source: "residues that are no real numbers, where damping is local: Ewins 2000 (Modal Testing); that nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form \
-             common, size assumed",
+    source: "residues that are no real numbers, where damping is local: Ewins 2000 (Modal Testing); that \
+             nanopositioners have such modes: CubeSpec fine steering mirror, modes between 750 and 1000 Hz; form common, \
+             size assumed",
     typical: "1 to 30 % of the main resonance's height, damping ratio 0.002 to 0.03",
     installs: "an oscillator, fixed to the moving mass or beside it",
     signature: "one narrow band of frequencies, at every amplitude; a ringing after each step at a frequency that \
