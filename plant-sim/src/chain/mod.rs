@@ -123,8 +123,9 @@ struct Instead {
 enum Pace {
     /// Whole, or in the two parts that a fractional delay makes: what the drive holds is constant, or a line.
     Exact(Queue),
-    /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine.
-    Fine { waveform: Box<Waveform>, laws: Option<Box<Laws>>, count: usize },
+    /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine. So many make a step that is short enough
+    /// where no law is at work.
+    Fine { waveform: Box<Waveform>, laws: Option<Box<Laws>>, count: usize, long: usize },
 }
 
 /// Commands on their way to a drive without memory.
@@ -176,12 +177,15 @@ impl Simulator {
             });
         let (pace, spans) = if chain.drive.has_memory() || parts.need_substeps() || !outside.is_empty() {
             let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
-            let count =
-                if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { 1 };
+            let [count, idle] =
+                if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { [1; 2] };
+            let long = count / idle;
             let laws =
                 parts.need_substeps().then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
             let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
-            (Pace::Fine { waveform, laws, count }, Spans::whole(sample_s / count as f64))
+            let durations_s = [count, idle].map(|count| sample_s / count as f64);
+            let spans = if long > 1 { Spans::two(durations_s) } else { Spans::whole(durations_s[0]) };
+            (Pace::Fine { waveform, laws, count, long }, spans)
         } else {
             let queue = Queue::new(delay_s / sample_s, sample_s);
             let fraction_s = queue.fraction_s;
@@ -352,11 +356,26 @@ impl Simulator {
                 alpha,
                 force_n,
             ),
-            Pace::Fine { waveform, laws, count } => {
+            Pace::Fine { waveform, laws, count, long } => {
                 waveform.push(command);
-                let step_s = self.sample_s / *count as f64;
-                for index in 0..*count {
-                    let from_s = index as f64 * step_s;
+                let short_s = self.sample_s / *count as f64;
+                let long_s = short_s * *long as f64;
+                let mut index = 0;
+                while index < *count {
+                    let from_s = index as f64 * short_s;
+                    let mut idle_n = None;
+                    if let Some(laws) = laws
+                        && transducer.is_none()
+                        && shakes.is_empty()
+                        && *long > 1
+                        && index % *long == 0
+                        && let Some(between_v) = waveform.between_v(from_s, long_s)
+                    {
+                        let pulls_n = between_v.map(|drive_v| alpha * drive_v - force_n);
+                        idle_n = laws.idle_n(&states(stepper, laws), pulls_n, long_s);
+                    }
+                    let (span, step_s) = if idle_n.is_some() { (1, long_s) } else { (0, short_s) };
+                    index += if idle_n.is_some() { *long } else { 1 };
                     let [start_v, slope, curve] = waveform.parabola(from_s, step_s);
                     let mut push =
                         Push { force_n: alpha * start_v - force_n, slope: alpha * slope, curve: alpha * curve };
@@ -365,28 +384,29 @@ impl Simulator {
                     }
                     // Parallel modes feel the drive and nothing else.
                     for (_, mode) in &mut self.outside {
-                        mode.push(0, push);
+                        mode.push(span, push);
                     }
                     if !shakes.is_empty() {
                         push = push.with(Shake::push(shakes, sample_start_s + from_s, step_s));
                     }
                     if let Some(laws) = laws {
-                        let pull = [push.force_n, push.slope, push.curve];
-                        let state = &mut [0.0; MAX_STATES];
-                        for (i, value) in state[..laws.states()].iter_mut().enumerate() {
-                            *value = stepper.state(i);
-                        }
-                        let against = laws.foresee(state, pull, step_s);
+                        let against = match idle_n {
+                            Some(against_n) => [against_n, 0.0, 0.0],
+                            None => {
+                                let pull = [push.force_n, push.slope, push.curve];
+                                laws.foresee(&states(stepper, laws), pull, step_s)
+                            }
+                        };
                         push.force_n -= against[0];
                         push.slope -= against[1];
                         push.curve -= against[2];
                         if let Some(rates) = laws.rates() {
                             stepper.set_rates(Some(rates));
                         }
-                        stepper.push(0, push);
+                        stepper.push(span, push);
                         laws.moved(stepper.state(0));
                     } else {
-                        stepper.push(0, push);
+                        stepper.push(span, push);
                     }
                 }
                 waveform.end_sample();
@@ -403,6 +423,15 @@ impl Simulator {
         }
         self.readout.advance(self.seen_m(), self.stepper.state(1));
     }
+}
+
+/// The states that `laws` look at.
+fn states(stepper: &dyn Stepper, laws: &Laws) -> [f64; MAX_STATES] {
+    let mut state = [0.0; MAX_STATES];
+    for (i, value) in state[..laws.states()].iter_mut().enumerate() {
+        *value = stepper.state(i);
+    }
+    state
 }
 
 impl Queue {

@@ -10,8 +10,9 @@ pub(super) struct Path(pub [f64; 4]);
 const HALVINGS: usize = 40;
 /// Most pieces that a path is cut into.
 const PIECES: usize = 12;
-/// Presliding lengths that one piece covers at most.
+/// Presliding lengths that one piece covers at most: Gauss' rule is then right to 1e-9 of the force; with coarse laws to 1e-5.
 const LENGTHS: f64 = 1.5;
+const COARSE_LENGTHS: f64 = 4.0;
 
 impl Path {
     /// The cubic through places and velocities at both ends.
@@ -51,7 +52,7 @@ impl Path {
     }
 
     /// Instants within (0, `t`) at which the velocity changes its sign, in order.
-    fn turns(&self, t: f64) -> [Option<f64>; 2] {
+    pub(super) fn turns(&self, t: f64) -> [Option<f64>; 2] {
         let [_, b, c, d] = self.0;
         let inside = |s: f64| (s > 0.0 && s < t).then_some(s);
         let root = (c * c - 3.0 * b * d).sqrt();
@@ -74,6 +75,8 @@ pub(super) struct Quadrature {
     thresholds_m: Vec<f64>,
     /// The shortest presliding length, infinite for none.
     presliding_m: f64,
+    /// How many of it a piece covers at most.
+    lengths: f64,
 }
 
 /// A piece of a path.
@@ -93,8 +96,9 @@ impl Piece {
 }
 
 impl Quadrature {
-    pub(super) fn of(forces: &[Force]) -> Self {
-        let mut quadrature = Self { thresholds_m: Vec::new(), presliding_m: f64::INFINITY };
+    pub(super) fn of(forces: &[Force], is_coarse: bool) -> Self {
+        let lengths = if is_coarse { COARSE_LENGTHS } else { LENGTHS };
+        let mut quadrature = Self { thresholds_m: Vec::new(), presliding_m: f64::INFINITY, lengths };
         for force in forces {
             match *force {
                 Force::OneSided { .. } => quadrature.thresholds_m.push(0.0),
@@ -126,7 +130,7 @@ impl Quadrature {
                     count += 1;
                 }
             }
-            let lengths = (to_m - from_m).abs() / (LENGTHS * self.presliding_m);
+            let lengths = (to_m - from_m).abs() / (self.lengths * self.presliding_m);
             let parts = (lengths.ceil() as usize).clamp(1, PIECES - count);
             for part in 1..parts {
                 cuts[count] = from_s + (to_s - from_s) * part as f64 / parts as f64;

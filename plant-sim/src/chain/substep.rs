@@ -36,6 +36,12 @@ const COARSE_MOST: f64 = 16.0;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
 /// makes 0.1 nm a second at 0.1 m/s.
 const STRAIGHT: f64 = 1e-9;
+/// Share of its force by which a presliding friction may fall short, or change over a step, and counts as constant; with coarse laws
+/// that is 0.1 nm for a hundredth of the blocking force.
+const SLIDING: f64 = 1e-6;
+const COARSE_SLIDING: f64 = 1e-4;
+/// Share of the way of a long step by which its foreseen path may be wrong, and of the speed at its start that it must keep to count as one way.
+const ASTRAY: f64 = 0.05;
 
 /// The laws with their memory.
 pub(super) struct Laws {
@@ -54,6 +60,7 @@ pub(super) struct Laws {
     /// Error and shortest length of inner steps against friction, and how often the path is foreseen anew.
     inner: [f64; 2],
     rounds: usize,
+    sliding: f64,
     quadrature: Quadrature,
     elastic: bool,
     friction: bool,
@@ -87,8 +94,9 @@ pub(super) fn without_bent_leaks(plant: &Phs, bends: &[Bend]) -> Phs {
     plain
 }
 
-/// Sub-steps of a sample that the laws call for, a power of two: so a search that shifts a parameter by little hardly ever changes it.
-pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64) -> usize {
+/// Sub-steps of a sample that the laws call for, and those that are enough while none of them is at work: powers of two, so that a search
+/// that shifts a parameter by little hardly ever changes them.
+pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64) -> [usize; 2] {
     let springs: f64 = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f).sum();
     let added: f64 = parts
         .forces
@@ -119,13 +127,15 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             rate = rate.max(0.5 * TAU * mode.hz * (1.0 + mass_kg / plant.mass_kg).sqrt());
         }
     }
+    let most = if parts.is_coarse { COARSE_MOST } else { MOST };
+    let count = |rate: f64| (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, most) as usize;
+    let idle = count(rate);
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
     let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
     let rate = rate.max(4.0 * widening / plant.mass_kg);
-    let most = if parts.is_coarse { COARSE_MOST } else { MOST };
-    (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, most) as usize
+    [count(rate), idle]
 }
 
 impl Laws {
@@ -165,7 +175,8 @@ impl Laws {
                 (false, false) => [VELOCITY_ERROR, SHORTEST_S],
             },
             rounds: if is_coarse { 1 } else { 3 },
-            quadrature: Quadrature::of(forces),
+            sliding: if is_coarse { COARSE_SLIDING } else { SLIDING },
+            quadrature: Quadrature::of(forces, is_coarse),
             elastic: forces.iter().any(|f| !friction(f)),
             friction: forces.iter().any(friction),
             rates: vec![0.0; states],
@@ -218,6 +229,55 @@ impl Laws {
             self.rates[2 + leak.hysteron] = leak.follow(v, &path, step_s, &mut sum);
         }
         sum.parabola(step_s)
+    }
+
+    /// The laws' constant force against the motion over a long step of `step_s` if none of them is at work there: contacts are open, and
+    /// friction slides one way or holds the mass where it is. The pull on it lies between the two `pulls_n`.
+    pub(super) fn idle_n(&mut self, state: &[f64; MAX_STATES], pulls_n: [f64; 2], step_s: f64) -> Option<f64> {
+        let (from_m, from_m_per_s) = (state[0], state[1]);
+        let mut against_n = 0.0;
+        let (mut slides, mut sticks_m) = (false, f64::INFINITY);
+        // The reach of open contacts.
+        let (mut low_m, mut high_m) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (force, z) in self.forces.iter().zip(&self.slid) {
+            match *force {
+                Force::Presliding { coulomb_n, presliding_m } => {
+                    against_n += coulomb_n * z;
+                    if (z - from_m_per_s.signum()).abs() < self.sliding {
+                        slides = true;
+                    } else {
+                        sticks_m = sticks_m.min(0.5 * self.sliding * presliding_m);
+                    }
+                }
+                Force::OneSided { .. } => high_m = high_m.min(0.0),
+                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } if at_m > 0.0 => high_m = high_m.min(at_m),
+                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } => low_m = low_m.max(at_m),
+                _ => return None,
+            }
+        }
+        if !self.leaks.is_empty() || from_m <= low_m || from_m >= high_m || from_m_per_s.abs() * step_s > sticks_m {
+            return None;
+        }
+        for pull_n in pulls_n {
+            let path = self.free_path(state, [pull_n, 0.0, 0.0], step_s);
+            let turns = path.turns(step_s);
+            let end_m_per_s = path.motion(step_s)[0];
+            if slides && (turns != [None; 2] || end_m_per_s * from_m_per_s < ASTRAY * from_m_per_s * from_m_per_s) {
+                return None;
+            }
+            let places = turns.into_iter().flatten().chain([step_s]).map(|t| path.at(t));
+            let (least_m, most_m) = places.fold((from_m, from_m), |(low, high), q| (low.min(q), high.max(q)));
+            let astray_m = ASTRAY * (most_m - least_m);
+            if most_m - least_m > sticks_m || least_m - astray_m <= low_m || most_m + astray_m >= high_m {
+                return None;
+            }
+            if pulls_n[0] == pulls_n[1] {
+                break;
+            }
+        }
+        self.end_m = from_m;
+        self.slid_then.copy_from_slice(&self.slid);
+        Some(against_n)
     }
 
     /// The sub-step took the mass to `to_m`.

@@ -96,6 +96,28 @@ impl Waveform {
         if flat { [start_v, 0.0, 0.0] } else { [start_v, slope, curve] }
     }
 
+    /// Volts between which the output lies from `from_s` to `from_s + duration_s` of the present sample, if they are known before
+    /// [`Waveform::parabola`]: behind a drive without memory while commands are held.
+    pub(super) fn between_v(&self, from_s: f64, duration_s: f64) -> Option<[f64; 2]> {
+        if !self.is_flat || self.acting.slope_v_per_s != 0.0 {
+            return None;
+        }
+        let [mut first_v, mut last_v] = [self.now_v(); 2];
+        for (given, held) in &self.underway {
+            let arrival_s = self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s;
+            if held.slope_v_per_s != 0.0 {
+                return None;
+            }
+            let comes_v = self.drive.output_v(held.start_v);
+            if arrival_s <= 1e-9 * duration_s {
+                [first_v, last_v] = [comes_v; 2];
+            } else if arrival_s < duration_s {
+                last_v = comes_v;
+            }
+        }
+        Some([first_v, last_v])
+    }
+
     /// When the next command arrives, from `from_s` of the present sample on.
     fn arrival_s(&self, from_s: f64) -> f64 {
         let after = |given: u64| self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s;

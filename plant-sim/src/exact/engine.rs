@@ -25,7 +25,8 @@ const INSTANT: f64 = 1e-6;
 /// Halvings at the most: 2^50 finest steps are beyond what f64 time can resolve.
 const MOST_HALVINGS: u32 = 50;
 
-/// The durations that the engine is asked for, in seconds: one sample, or the two parts of a sample with a fractional delay.
+/// The durations that the engine is asked for, in seconds: one sample, the two parts of a sample with a fractional delay, or a short step
+/// and a long one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spans {
     durations_s: [f64; 2],
@@ -35,6 +36,11 @@ impl Spans {
     /// One duration for every step.
     pub fn whole(sample_s: f64) -> Self {
         Self { durations_s: [sample_s, 0.0] }
+    }
+
+    /// Steps of two lengths.
+    pub fn two(durations_s: [f64; 2]) -> Self {
+        Self { durations_s }
     }
 
     /// A sample in two parts: span 0 lasts `first_s`, span 1 the rest.
