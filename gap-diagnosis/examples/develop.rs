@@ -4,6 +4,7 @@ use gap_diagnosis::diagnose::bench::{Bench, Freedom};
 use gap_diagnosis::diagnose::judge::course;
 use gap_diagnosis::diagnose::records::record;
 use gap_diagnosis::diagnose::search::Search;
+use gap_diagnosis::residual::noise_rms;
 use plant_sim::log::{ReadOptions, read};
 use plant_sim::model::Model;
 use std::path::PathBuf;
@@ -75,12 +76,15 @@ fn main() {
                 );
             }
             if let Some(best) = found.explanations.first() {
-                for (record, sums) in bench.records.iter().zip(&best.candidate.found.normal.logs) {
+                let remainders = search.play(&best.candidate);
+                let logs = bench.records.iter().zip(&best.candidate.found.normal.logs).zip(&remainders);
+                for ((record, sums), remainder) in logs {
                     println!(
-                        "    {} rms {:.1} nm noise {:.1} nm",
+                        "    {} rms {:.1} nm noise {:.1} nm, from what stays {:.1} nm",
                         record.log.name,
                         1e9 * (sums.squares_m2 / sums.rows as f64).sqrt(),
-                        1e9 * record.noise_m
+                        1e9 * record.noise_m,
+                        1e9 * noise_rms(&remainder.residual_m[record.run_in..])
                     );
                 }
             }

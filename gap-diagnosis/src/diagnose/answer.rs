@@ -201,7 +201,7 @@ pub(super) fn answer(
         verdict = Verdict::Explained;
         random.push(noise.clone());
     }
-    let found = augment(search, &course.refit, explanation, random);
+    let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
     let expected = expected(benches, &three, found.spread2_m2(benches));
     let gap = gap(benches, &three, &expected, options.seed);

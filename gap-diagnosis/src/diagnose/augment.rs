@@ -18,6 +18,8 @@ use serde::Serialize;
 const NO_PRIOR: f64 = 10.0;
 /// Stages of the last descent, which starts where the fit ended.
 const AGAIN: [f64; 2] = [3.0, 0.0];
+/// Mean square in units of the noise below which a fit is worth more accuracy than the search's.
+const NEAR: f64 = 1.2;
 /// Median of a normal's square in shares of its mean.
 const MEDIAN_OF_SQUARE: f64 = 0.455;
 /// A nominal number has moved beyond this many of its sigma.
@@ -65,9 +67,11 @@ pub(super) struct Augmented {
     pub random: Vec<Random>,
 }
 
-/// Fits what is named once more, effects that the nominal numbers imitate now as effects.
+/// Fits what is named once more: laws that the search followed coarsely now as `fine` follows them, effects that the nominal numbers
+/// imitate now as effects.
 pub(super) fn augment(
     search: &Search<'_>,
+    fine: &Bench<'_>,
     refit: &Candidate,
     named: Option<&Explanation>,
     random: Vec<Random>,
@@ -76,9 +80,14 @@ pub(super) fn augment(
     let base = named.map_or(refit, |explanation| &explanation.candidate);
     let freed = named.and_then(|explanation| explanation.freed.as_ref());
     let Some(freed) = freed else {
-        let found = &base.found;
-        let covariance = covariance(bench, &base.hypothesis, found, &search.independent_weights(base));
-        let variant = Variant { hypothesis: base.hypothesis.clone(), z: found.z.clone(), starts_known: true };
+        let mut base = base.clone();
+        let has_laws = bench.chain_at(&base.hypothesis, &base.found.z, 0).parts.need_substeps();
+        if has_laws && base.chi < NEAR {
+            let z = base.found.z.clone();
+            base.found = descend(fine, &base.hypothesis, z, &AGAIN[1..], f64::INFINITY, search.simulations);
+        }
+        let covariance = covariance(bench, &base.hypothesis, &base.found, &search.independent_weights(&base));
+        let variant = Variant { hypothesis: base.hypothesis, z: base.found.z, starts_known: true };
         return Augmented { variant, covariance, freed: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {

@@ -16,7 +16,9 @@ pub const LAST_STAGES: [f64; 2] = [10.0, 0.0];
 /// Relative change of the cost at which a stage is over: all but the last, and the last.
 const COARSE: f64 = 0.02;
 const FINE: f64 = 2e-5;
-/// The same of a last stage that stays above this mean square, in units of the noise: it is not what it looks for.
+/// The same of a last stage that stays above these mean squares, in units of the noise: it is not what it looks for.
+const MIDDLING: f64 = 2e-4;
+const NOT_NEAR: f64 = 1.15;
 const ROUGH: f64 = 1e-3;
 const FAR: f64 = 2.0;
 /// Share of its prior's width that a start has before the last stage.
@@ -74,7 +76,7 @@ pub fn descend(
     let rules = bench.rules(hypothesis);
     let start = z.clone();
     let noise = noise_weights(bench);
-    let is_far = |normal: &Normal| normal.cost(&noise) > FAR * normal.rows() as f64;
+    let is_beyond = |normal: &Normal, times: f64| normal.cost(&noise) > times * normal.rows() as f64;
     let mut phases: Vec<(f64, Sensitivities)> = stages.iter().map(|&stage| (stage, Sensitivities::Thinned)).collect();
     if bench.thinned.iter().any(Option::is_some) {
         phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));
@@ -83,7 +85,7 @@ pub fn descend(
     for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
         let last = index + 1 >= stages.len();
         if sensitivities == Sensitivities::All {
-            if is_far(&normal) {
+            if is_beyond(&normal, FAR) {
                 break;
             }
             normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
@@ -102,7 +104,12 @@ pub fn descend(
             let gained = before - next.1;
             z = next.0;
             normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
-            if gained <= before * if last && is_far(&normal) { ROUGH } else { tolerance } {
+            let tolerance = match last {
+                true if is_beyond(&normal, FAR) => ROUGH,
+                true if is_beyond(&normal, NOT_NEAR) => MIDDLING,
+                _ => tolerance,
+            };
+            if gained <= before * tolerance {
                 break;
             }
         }

@@ -182,7 +182,7 @@ impl Fits<'_> {
                 continue;
             }
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
-            let fit = self.best_form(lead, leads);
+            let fit = self.best_form(lead, leads, AS_MUCH * found);
             if found == 0.0 && self.left(&fit) < FOUND {
                 found = lead.gain;
             }
@@ -271,11 +271,11 @@ impl Fits<'_> {
         Some(Lead { effect, form, values: Vec::new(), gain: share * excess, share })
     }
 
-    /// A wrong form leaves something; the entry's other forms are tried where they promised as much.
-    fn best_form(&self, lead: &Lead, leads: &[Lead]) -> Candidate {
+    /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than `least`.
+    fn best_form(&self, lead: &Lead, leads: &[Lead], least: f64) -> Candidate {
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead);
-        for other in others(lead.effect.id(), lead.form.name, leads, lead.gain) {
+        for other in others(lead.effect.id(), lead.form.name, leads, lead.gain).filter(|other| other.gain > least) {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE || lead.share < LITTLE {
                 break;
             }

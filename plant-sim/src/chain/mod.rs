@@ -372,7 +372,7 @@ impl Simulator {
                         && let Some(between_v) = waveform.between_v(from_s, long_s)
                     {
                         let pulls_n = between_v.map(|drive_v| alpha * drive_v - force_n);
-                        idle_n = laws.idle_n(&states(stepper, laws), pulls_n, long_s);
+                        idle_n = laws.idle_n(stepper.states(), pulls_n, long_s);
                     }
                     let (span, step_s) = if idle_n.is_some() { (1, long_s) } else { (0, short_s) };
                     index += if idle_n.is_some() { *long } else { 1 };
@@ -394,7 +394,7 @@ impl Simulator {
                             Some(against_n) => [against_n, 0.0, 0.0],
                             None => {
                                 let pull = [push.force_n, push.slope, push.curve];
-                                laws.foresee(&states(stepper, laws), pull, step_s)
+                                laws.foresee(stepper.states(), pull, step_s)
                             }
                         };
                         push.force_n -= against[0];
@@ -423,15 +423,6 @@ impl Simulator {
         }
         self.readout.advance(self.seen_m(), self.stepper.state(1));
     }
-}
-
-/// The states that `laws` look at.
-fn states(stepper: &dyn Stepper, laws: &Laws) -> [f64; MAX_STATES] {
-    let mut state = [0.0; MAX_STATES];
-    for (i, value) in state[..laws.states()].iter_mut().enumerate() {
-        *value = stepper.state(i);
-    }
-    state
 }
 
 impl Queue {

@@ -46,7 +46,7 @@ impl Parts {
     }
 
     /// Whether a force or a bend is present, which only sub-steps can follow.
-    pub(super) fn need_substeps(&self) -> bool {
+    pub fn need_substeps(&self) -> bool {
         !self.forces.is_empty() || !self.bends.is_empty()
     }
 }

@@ -52,7 +52,7 @@ impl Path {
     }
 
     /// Instants within (0, `t`) at which the velocity changes its sign, in order.
-    pub(super) fn turns(&self, t: f64) -> [Option<f64>; 2] {
+    fn turns(&self, t: f64) -> [Option<f64>; 2] {
         let [_, b, c, d] = self.0;
         let inside = |s: f64| (s > 0.0 && s < t).then_some(s);
         let root = (c * c - 3.0 * b * d).sqrt();

@@ -13,12 +13,13 @@ use super::parts::in_pad;
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
-use crate::exact::MAX_STATES;
 use crate::phs::Phs;
 use std::f64::consts::TAU;
 
 /// Largest product of the fastest mechanical rate and a sub-step.
 const SUBSTEP: f64 = 0.3;
+/// The same of coarse laws: paths are off by a nanometre or two then.
+const COARSE_SUBSTEP: f64 = 0.6;
 /// Most sub-steps in a sample.
 const MOST: f64 = 64.0;
 /// A leak faster than this over a sub-step keeps its hysteron on its edge, as far as the path is concerned.
@@ -40,8 +41,8 @@ const STRAIGHT: f64 = 1e-9;
 /// that is 0.1 nm for a hundredth of the blocking force.
 const SLIDING: f64 = 1e-6;
 const COARSE_SLIDING: f64 = 1e-4;
-/// Share of the way of a long step by which its foreseen path may be wrong, and of the speed at its start that it must keep to count as one way.
-const ASTRAY: f64 = 0.05;
+/// An acceleration over a long step is at most this many times the one at its start.
+const AT_MOST: f64 = 1.3;
 
 /// The laws with their memory.
 pub(super) struct Laws {
@@ -127,8 +128,8 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             rate = rate.max(0.5 * TAU * mode.hz * (1.0 + mass_kg / plant.mass_kg).sqrt());
         }
     }
-    let most = if parts.is_coarse { COARSE_MOST } else { MOST };
-    let count = |rate: f64| (rate * sample_s / SUBSTEP).log2().ceil().exp2().clamp(1.0, most) as usize;
+    let (substep, most) = if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST) } else { (SUBSTEP, MOST) };
+    let count = |rate: f64| (rate * sample_s / substep).log2().ceil().exp2().clamp(1.0, most) as usize;
     let idle = count(rate);
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
     let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
@@ -190,11 +191,6 @@ impl Laws {
         slid.filter(|(_, force)| is_presliding(force)).for_each(|(slid, _)| *slid = share);
     }
 
-    /// States of the engine that the laws look at.
-    pub(super) fn states(&self) -> usize {
-        self.rates.len()
-    }
-
     /// z of each presliding friction and h of each Bouc-Wen law, zero for other forces.
     pub(super) fn slid(&self) -> &[f64] {
         &self.slid
@@ -207,7 +203,7 @@ impl Laws {
 
     /// Foresees the sub-step of `step_s`, while drive and shakes pull with `pull` (newton, slope, second derivative):
     /// the laws' force against the motion, in the same form.
-    pub(super) fn foresee(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64) -> [f64; 3] {
+    pub(super) fn foresee(&mut self, state: &[f64], pull: [f64; 3], step_s: f64) -> [f64; 3] {
         let mut sum = Moments::default();
         let path =
             if self.friction { self.rub(state, pull, step_s, &mut sum) } else { self.free_path(state, pull, step_s) };
@@ -233,12 +229,12 @@ impl Laws {
 
     /// The laws' constant force against the motion over a long step of `step_s` if none of them is at work there: contacts are open, and
     /// friction slides one way or holds the mass where it is. The pull on it lies between the two `pulls_n`.
-    pub(super) fn idle_n(&mut self, state: &[f64; MAX_STATES], pulls_n: [f64; 2], step_s: f64) -> Option<f64> {
+    pub(super) fn idle_n(&mut self, state: &[f64], pulls_n: [f64; 2], step_s: f64) -> Option<f64> {
         let (from_m, from_m_per_s) = (state[0], state[1]);
         let mut against_n = 0.0;
-        let (mut slides, mut sticks_m) = (false, f64::INFINITY);
-        // The reach of open contacts.
-        let (mut low_m, mut high_m) = (f64::NEG_INFINITY, f64::INFINITY);
+        // How far the mass may go each way, and how far before friction that holds it gives way.
+        let (mut least_m, mut most_m, mut sticks_m) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
+        let mut slides = false;
         for (force, z) in self.forces.iter().zip(&self.slid) {
             match *force {
                 Force::Presliding { coulomb_n, presliding_m } => {
@@ -249,31 +245,25 @@ impl Laws {
                         sticks_m = sticks_m.min(0.5 * self.sliding * presliding_m);
                     }
                 }
-                Force::OneSided { .. } => high_m = high_m.min(0.0),
-                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } if at_m > 0.0 => high_m = high_m.min(at_m),
-                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } => low_m = low_m.max(at_m),
+                Force::OneSided { .. } => most_m = most_m.min(-from_m),
+                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } if at_m > 0.0 => most_m = most_m.min(at_m - from_m),
+                Force::Stop { at_m, .. } | Force::Pad { at_m, .. } => least_m = least_m.max(at_m - from_m),
                 _ => return None,
             }
         }
-        if !self.leaks.is_empty() || from_m <= low_m || from_m >= high_m || from_m_per_s.abs() * step_s > sticks_m {
+        if !self.leaks.is_empty() {
             return None;
         }
-        for pull_n in pulls_n {
-            let path = self.free_path(state, [pull_n, 0.0, 0.0], step_s);
-            let turns = path.turns(step_s);
-            let end_m_per_s = path.motion(step_s)[0];
-            if slides && (turns != [None; 2] || end_m_per_s * from_m_per_s < ASTRAY * from_m_per_s * from_m_per_s) {
-                return None;
-            }
-            let places = turns.into_iter().flatten().chain([step_s]).map(|t| path.at(t));
-            let (least_m, most_m) = places.fold((from_m, from_m), |(low, high), q| (low.min(q), high.max(q)));
-            let astray_m = ASTRAY * (most_m - least_m);
-            if most_m - least_m > sticks_m || least_m - astray_m <= low_m || most_m + astray_m >= high_m {
-                return None;
-            }
-            if pulls_n[0] == pulls_n[1] {
-                break;
-            }
+        let others_n =
+            self.linear_load_n(state, [0.0; 3], self.modes(state, from_m_per_s), [from_m, from_m_per_s], 0.0)
+                - against_n
+                - self.plant.damping_n_s_per_m * from_m_per_s;
+        let gains = pulls_n.map(|pull_n| AT_MOST * (pull_n + others_n) / self.plant.mass_kg * step_s);
+        // Twice the way that this acceleration makes.
+        let reach_m = step_s * (from_m_per_s.abs() + gains[0].abs().max(gains[1].abs()));
+        let keeps_on = |gain: f64| (from_m_per_s + gain) * from_m_per_s > 0.0;
+        if reach_m >= most_m.min(-least_m).min(sticks_m) || slides && !gains.into_iter().all(keeps_on) {
+            return None;
         }
         self.end_m = from_m;
         self.slid_then.copy_from_slice(&self.slid);
@@ -292,7 +282,7 @@ impl Laws {
     }
 
     /// Path without friction: a cubic from the acceleration at the start and in the middle.
-    fn free_path(&self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64) -> Path {
+    fn free_path(&self, state: &[f64], pull: [f64; 3], step_s: f64) -> Path {
         let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
@@ -306,7 +296,7 @@ impl Laws {
     }
 
     /// Path against friction, and friction's moments.
-    fn rub(&mut self, state: &[f64; MAX_STATES], pull: [f64; 3], step_s: f64, sum: &mut Moments) -> Path {
+    fn rub(&mut self, state: &[f64], pull: [f64; 3], step_s: f64, sum: &mut Moments) -> Path {
         let (q, v) = (state[0], state[1]);
         let modes = self.modes(state, v);
         let (m, b) = (self.plant.mass_kg, self.plant.damping_n_s_per_m);
@@ -352,7 +342,16 @@ impl Laws {
     }
 
     /// Force on the mass without damper and friction, with the mass at `q` and moving at `w` after `t` of the sub-step.
-    fn load_n(&self, state: &[f64; MAX_STATES], pull: [f64; 3], modes: [f64; 2], [q, w]: [f64; 2], t: f64) -> f64 {
+    fn load_n(&self, state: &[f64], pull: [f64; 3], modes: [f64; 2], motion: [f64; 2], t: f64) -> f64 {
+        let mut load_n = self.linear_load_n(state, pull, modes, motion, t);
+        if self.elastic {
+            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, motion[0] - state[0], motion[0]);
+        }
+        load_n
+    }
+
+    /// The same without the laws.
+    fn linear_load_n(&self, state: &[f64], pull: [f64; 3], modes: [f64; 2], [q, w]: [f64; 2], t: f64) -> f64 {
         let by_m = q - state[0];
         let mut held_v = 0.0;
         for (i, hysteron) in self.hysterons.iter().enumerate() {
@@ -373,17 +372,13 @@ impl Laws {
                 closed_v - leaked * ((1.0 - 0.5 * leaked) * excess_v + charged)
             };
         }
-        let mut load_n = pull[0] + t * (pull[1] + 0.5 * t * pull[2]) + modes[0] + t * modes[1]
+        pull[0] + t * (pull[1] + 0.5 * t * pull[2]) + modes[0] + t * modes[1]
             - self.plant.stiffness_n_per_m * q
-            - self.plant.transduction_c_per_m * held_v;
-        if self.elastic {
-            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, by_m, q);
-        }
-        load_n
+            - self.plant.transduction_c_per_m * held_v
     }
 
     /// Force of the attached modes on the mass, and its slope.
-    fn modes(&self, state: &[f64; MAX_STATES], v: f64) -> [f64; 2] {
+    fn modes(&self, state: &[f64], v: f64) -> [f64; 2] {
         let mut sum = [0.0; 2];
         for mode in &self.attached {
             let (apart_m, apart_m_per_s) = (state[mode.state] - state[0], state[mode.state + 1] - v);

@@ -741,6 +741,10 @@ impl<const N: usize> Stepper for Engine<N> {
         self.x[index]
     }
 
+    fn states(&self) -> &[f64] {
+        &self.x
+    }
+
     fn set_state(&mut self, state: &[f64]) {
         self.x = [0.0; N];
         self.x[..state.len().min(N)].copy_from_slice(&state[..state.len().min(N)]);

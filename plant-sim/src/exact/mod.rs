@@ -50,6 +50,8 @@ pub trait Stepper: Send {
     fn record(&mut self, forces_n: &mut dyn Iterator<Item = f64>, displacement_m: &mut Vec<f64>);
     /// State `index`: 0 displacement in metres, 1 velocity in m/s, then hysteron voltages.
     fn state(&self, index: usize) -> f64;
+    /// All states, padded with zeros.
+    fn states(&self) -> &[f64];
     /// Replaces the state.
     fn set_state(&mut self, state: &[f64]);
     /// Constant additions to the rates of the states for the moves to come: what a sub-step makes of a law that is not affine. A dead
