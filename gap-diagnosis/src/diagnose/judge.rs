@@ -33,6 +33,14 @@ const PAYS_FOR_ALL: f64 = 0.05;
 const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
 const MOSTLY: f64 = 0.35;
+/// An effect that leaves more than this of the gap of any one log is judged by that log: a cause of another kind may have little to say in
+/// most experiments.
+const MISSES_A_LOG: f64 = 0.5;
+/// .. if the log's gap, and what is left of it, are more than these shares of the noise's power.
+const GAP_OF_LOG: f64 = 0.25;
+const LEFT_OF_LOG: f64 = 0.08;
+/// Times by which a log's noise may be overestimated where the others show less.
+const ROUGH: f64 = 1.2;
 /// Least fraction of the gap that an effect beside a fit above the noise is taken to leave.
 const BENT: f64 = 0.02;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
@@ -199,8 +207,12 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // The noise is known to a few per cent: a fit that comes that near is at it.
     let at_noise = AT_NOISE.min(1.0 + MOST_OF_NOISE * excess);
     let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
+    let judged_left = |fit: &Candidate| {
+        let of_worst = left_of_worst(search, fit, &refit);
+        fit.left(&refit, noise).max(if of_worst > MISSES_A_LOG { of_worst } else { 0.0 })
+    };
     let mut explanations: Vec<Explanation> =
-        fits.iter().map(|fit| Explanation::by_fit(fit, fit.left(&refit, noise), floor)).collect();
+        fits.iter().map(|fit| Explanation::by_fit(fit, judged_left(fit), floor)).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     let scatter_of = |scattered: &Scattered, fit: &Candidate| {
         by_scatter(scattered, fit, floor, without, best_share, !starts.line_hz.is_empty())
@@ -250,6 +262,26 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();
     scores.extend([nothing, unknown_score()]);
     judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores)
+}
+
+/// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of
+/// the log in the middle tells it better than a log's own differences, which a fast plant roughens.
+fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate) -> f64 {
+    let mean2 = |candidate: &Candidate| -> Vec<f64> {
+        candidate.found.normal.logs.iter().map(|log| log.squares_m2 / log.rows.max(1) as f64).collect()
+    };
+    let (before2, after2) = (mean2(refit), mean2(fit));
+    let mut sorted = after2.clone();
+    sorted.sort_by(f64::total_cmp);
+    let middle2 = sorted[(sorted.len() - 1) / 2];
+    let logs = search.bench.records.iter().zip(before2.iter().zip(&after2));
+    let left2 = logs.map(|(record, (before2, after2))| {
+        let own2 = record.noise_m.powi(2);
+        let noise2 = if middle2 < ROUGH * ROUGH * own2 { own2.min(middle2) } else { own2 };
+        let (gap2, left2) = (before2 - noise2, after2 - noise2);
+        if gap2 > GAP_OF_LOG * noise2 && left2 > LEFT_OF_LOG * noise2 { left2 / gap2 } else { 0.0 }
+    });
+    left2.fold(0.0, f64::max).sqrt()
 }
 
 /// The course with probabilities from scores: one for each explanation, then `no_gap` and `unknown`.
