@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::judge::{AT_NOISE, FREED_BESIDES, Say};
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Remainder, Search, after_run_in};
+use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
 use plant_sim::effects::{Form, Kind, find};
 
@@ -15,6 +15,8 @@ pub(super) const HOPELESS: f64 = 0.1;
 /// Once a fit leaves less than this, only leads are followed that explain as much as its own.
 pub(super) const FOUND: f64 = 0.03;
 const AS_MUCH: f64 = 0.85;
+/// One that soon leaves so many times the squares is no rival of it then.
+const NO_RIVAL: f64 = 2.0;
 const MOST_FITS: usize = 5;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
@@ -66,6 +68,12 @@ pub(super) struct Fits<'a> {
     pub without: &'a [&'a str],
     /// Where progress goes.
     pub say: Say<'a>,
+}
+
+/// What rivals of a fit that left next to nothing must promise, as gain, and what they may cost soon.
+struct Found {
+    least_gain: f64,
+    most_cost: f64,
 }
 
 impl Fits<'_> {
@@ -175,16 +183,16 @@ impl Fits<'_> {
         let mut all: Vec<&Lead> = start.iter().chain(&offset).chain(chosen).collect();
         all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
-        // Gain of the first lead whose fit left next to nothing.
-        let mut found = 0.0;
+        // The first fit that left next to nothing.
+        let mut found: Option<Found> = None;
         for (number, lead) in all.iter().enumerate() {
-            if lead.gain < AS_MUCH * found {
+            if found.as_ref().is_some_and(|found| lead.gain < found.least_gain) {
                 continue;
             }
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
-            let fit = self.best_form(lead, leads, AS_MUCH * found);
-            if found == 0.0 && self.left(&fit) < FOUND {
-                found = lead.gain;
+            let fit = self.best_form(lead, leads, found.as_ref());
+            if found.is_none() && self.left(&fit) < FOUND {
+                found = Some(Found { least_gain: AS_MUCH * lead.gain, most_cost: NO_RIVAL * fit.found.data_cost });
             }
             fits.push(fit);
         }
@@ -271,15 +279,18 @@ impl Fits<'_> {
         Some(Lead { effect, form, values: Vec::new(), gain: share * excess, share })
     }
 
-    /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than `least`.
-    fn best_form(&self, lead: &Lead, leads: &[Lead], least: f64) -> Candidate {
+    /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than a rival of what was
+    /// `found` must.
+    fn best_form(&self, lead: &Lead, leads: &[Lead], found: Option<&Found>) -> Candidate {
+        let (least, most) = found.map_or((0.0, f64::INFINITY), |found| (found.least_gain, found.most_cost));
         let lead = self.simplest(lead, leads);
-        let mut fit = self.fit_of(lead);
-        for other in others(lead.effect.id(), lead.form.name, leads, lead.gain).filter(|other| other.gain > least) {
+        let mut fit = self.fit_of(lead, most);
+        let others = others(lead.effect.id(), lead.form.name, leads, lead.gain);
+        for other in others.filter(|other| other.gain > least) {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE || lead.share < LITTLE {
                 break;
             }
-            fit = better(fit, self.fit_of(other));
+            fit = better(fit, self.fit_of(other, most));
         }
         fit
     }
@@ -296,14 +307,16 @@ impl Fits<'_> {
     }
 
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
-    fn fit_of(&self, lead: &Lead) -> Candidate {
-        let fit = self.search.extend(self.refit, lead, true);
+    /// It is given up where it soon costs more than `most`.
+    fn fit_of(&self, lead: &Lead, most: f64) -> Candidate {
+        let to_beat = most.min(WORTH_MORE * self.refit.found.data_cost);
+        let fit = self.search.extend_below(self.refit, lead, true, to_beat);
         let promised = 1.0 - (1.0 - lead.share).max(0.0).sqrt();
         let taken = 1.0 - self.left(&fit);
         if lead.share < PROMISING || fit.chi < AT_NOISE || taken > MUCH_LESS * promised {
             return fit;
         }
-        better(fit, self.search.extend(self.refit, lead, false))
+        better(fit, self.search.extend_below(self.refit, lead, false, to_beat))
     }
 
     /// Where several fits came to the noise, each is tried in its other forms, the best as well: which of them is named must not hang on a
@@ -317,8 +330,9 @@ impl Fits<'_> {
             let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
                 continue;
             };
+            let most = NO_RIVAL * fit.found.data_cost;
             for other in others(own.0, own.1, leads, gain) {
-                *fit = better(fit.clone(), self.fit_of(other));
+                *fit = better(fit.clone(), self.fit_of(other, most));
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));

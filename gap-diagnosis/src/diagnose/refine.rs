@@ -5,8 +5,9 @@
 
 use super::screen::{Block, Scored};
 
-/// Forms that promise this share of what the best one does are searched; so many at most.
+/// Forms that promise this share of what the best one does are searched, from round to round a larger one; so many at most.
 const SHARE: f64 = 0.3;
+const MORE: f64 = 0.1;
 const MOST: usize = 10;
 /// Rounds of steps to either side of every shape.
 const ROUNDS: usize = 5;
@@ -27,7 +28,9 @@ pub fn refine(forms: &mut [Scored], score: impl Fn(Vec<Block>) -> Vec<Option<Sco
     let worth = forms.iter().enumerate().take_while(|(_, scored)| scored.gain > least);
     let walks = worth.map(|(form, scored)| Walk { form, steps: scored.block.steps() });
     let mut walks: Vec<Walk> = walks.filter(|walk| walk.steps.iter().any(|step| *step > 0.0)).take(MOST).collect();
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
+        let best = forms.iter().map(|scored| scored.gain).fold(0.0, f64::max);
+        walks.retain(|walk| forms[walk.form].gain > (SHARE + MORE * round as f64) * best);
         let trials = walks.iter().enumerate().flat_map(|(number, walk)| {
             let Scored { block, values, .. } = &forms[walk.form];
             let sides = walk.steps.iter().enumerate().flat_map(|(i, step)| [(i, -step), (i, *step)]);

@@ -23,7 +23,7 @@ const LOCKED_REFIT: f64 = 1.4;
 const LOCKED_START: f64 = 1.05;
 
 /// An effect that leaves more than this of the squares soon is not followed farther.
-const WORTH_MORE: f64 = 0.85;
+pub(super) const WORTH_MORE: f64 = 0.85;
 
 /// A hypothesis, fitted.
 #[derive(Clone)]
@@ -179,6 +179,11 @@ impl Search<'_> {
 
     /// `base` with the form of `lead`, fitted from there.
     pub fn extend(&self, base: &Candidate, lead: &Lead, from_nominal: bool) -> Candidate {
+        self.extend_below(base, lead, from_nominal, WORTH_MORE * base.found.data_cost)
+    }
+
+    /// The same, given up where it soon comes to no lower data cost than `to_beat`.
+    pub fn extend_below(&self, base: &Candidate, lead: &Lead, from_nominal: bool, to_beat: f64) -> Candidate {
         let hypothesis = base.hypothesis.with(lead.effect, lead.form, &self.bench.scales());
         if lead.form.kind == Kind::Start {
             // What the refit made of the starts is what the effect is about: they are found anew, log by log.
@@ -190,7 +195,6 @@ impl Search<'_> {
         }
         let mut z = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
-        let to_beat = WORTH_MORE * base.found.data_cost;
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
             self.descend_below(&hypothesis, z, &STAGES[1..], to_beat)
