@@ -30,8 +30,9 @@ const VELOCITY_ERROR: f64 = 1e-8;
 const SAME_M: f64 = 2e-11;
 /// Shortest inner step against friction: at 1 km/s^2 a speed of 1e-9 m/s.
 const SHORTEST_S: f64 = 1e-12;
-/// The same two for coarse laws.
+/// The same two for coarse laws, and for singular ones of them.
 const COARSE_INNER: [f64; 2] = [2e-5, 1e-7];
+const COARSE_SINGULAR_INNER: [f64; 2] = [2e-6, 1e-8];
 /// .. and the most sub-steps: rows far apart show the plant at rest, not how it got there.
 const COARSE_MOST: f64 = 16.0;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
@@ -171,7 +172,8 @@ impl Laws {
             attached: attached.collect(),
             rubbed_n: 0.0,
             inner: match (is_coarse, singular) {
-                (true, _) => COARSE_INNER,
+                (true, true) => COARSE_SINGULAR_INNER,
+                (true, false) => COARSE_INNER,
                 (false, true) => [1e-2 * VELOCITY_ERROR, SHORTEST_S],
                 (false, false) => [VELOCITY_ERROR, SHORTEST_S],
             },

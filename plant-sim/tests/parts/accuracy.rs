@@ -72,6 +72,33 @@ fn forces_in_a_slow_sine() {
     check(table, &slow_sine(10.0));
 }
 
+/// What is left of an effect by laws followed coarsely, as a search does, in nm rms: three times what was measured.
+const COARSE_NM: f64 = 1.0;
+
+/// Laws as a search follows them, against the same laws followed finely.
+#[test]
+fn coarse_laws_stay_near_fine_ones() {
+    let hard = Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-8 };
+    let all = forces().into_iter().map(|(name, force, _)| (name, force)).chain([("presliding 30 nm", hard)]);
+    let mut failed = Vec::new();
+    for (name, force) in all {
+        let fine = with_force(force);
+        let coarse = Chain { parts: Parts { is_coarse: true, ..fine.parts.clone() }, ..fine.clone() };
+        // Steps, a sine, and a rest on which friction sticks.
+        let command_v: Vec<f64> = lively().into_iter().chain(slow_sine(10.0)).chain([20.0; 2000]).collect();
+        let fine_m = ours(&fine, &command_v);
+        let effect_m = distance(&fine_m, &ours(&chain(), &command_v));
+        let rms =
+            |a: &[f64], b: &[f64]| (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt();
+        let error_m = rms(&ours(&coarse, &command_v), &fine_m);
+        println!("{name}: {:.3} nm, effect {:.0} nm", 1e9 * error_m, 1e9 * effect_m);
+        if 1e9 * error_m > COARSE_NM || effect_m < 1e-6 {
+            failed.push(format!("{name}: {:.3} nm", 1e9 * error_m));
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
 #[test]
 fn bends() {
     let widening = |share| BendLaw::Widening { share, reference_v_per_s: 1e4 };
