@@ -227,8 +227,11 @@ impl Fits<'_> {
     fn kin(&self, fits: &mut Vec<Candidate>) {
         let Some(best) = fits.first().filter(|best| best.chi < AT_NOISE).cloned() else { return };
         let Some(own) = best.hypothesis.installed.last() else { return };
+        // Numbers that are bent much more than the best one's are where a search happened to end as well.
+        let is_bent = |fit: &Candidate| fit.found.prior_cost > best.found.prior_cost + FREED_BESIDES;
         for effect in own.effect.about().rivals.iter().filter_map(|id| find(id)) {
-            let is_known = |fit: &Candidate| fit.hypothesis.ids() == [effect.id()] && fit.chi < AT_NOISE;
+            let is_known =
+                |fit: &Candidate| fit.hypothesis.ids() == [effect.id()] && fit.chi < AT_NOISE && !is_bent(fit);
             if self.without.contains(&effect.id()) || fits.iter().any(is_known) {
                 continue;
             }
