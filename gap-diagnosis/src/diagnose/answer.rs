@@ -4,7 +4,7 @@ use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::Bench;
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
-use super::gap::{Gap, ShareOf, Three, expected, gap, shares};
+use super::gap::{Gap, LeftWith, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation, has_gap, refitted};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
@@ -203,7 +203,7 @@ pub(super) fn answer(
     }
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
-    let expected = expected(benches, &three, found.spread2_m2(benches));
+    let expected = expected(benches, &three, LeftWith::of(&found.random), found.spread2_m2(benches));
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];
     if beyond.is_none() && gap.surprises(&expected) {

@@ -2,6 +2,7 @@
 
 use super::judge::LEAST_GAP;
 use super::plants::{Benches, Played, Variant, scored_from};
+use super::random::Random;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -199,25 +200,57 @@ pub(super) struct Expected {
     pub shrink_percent: f64,
 }
 
+/// What the power that the named plant leaves goes with, from row to row.
+#[derive(Clone, Copy)]
+pub(super) enum LeftWith {
+    /// The plants' difference: a form that is not quite right.
+    Difference,
+    /// The speed: readings at wrong times.
+    Speed,
+    /// Nothing: noise.
+    Nothing,
+}
+
+impl LeftWith {
+    /// That of what was named.
+    pub fn of(random: &[Random]) -> Self {
+        match random.first().map(|random| random.effect.id()) {
+            None => Self::Difference,
+            Some("sampling_jitter" | "lost_samples") => Self::Speed,
+            Some(_) => Self::Nothing,
+        }
+    }
+}
+
 /// The plants' difference on the headline's rows is what will be gained; what the fitted rows leave unexplained stays, in the same
-/// proportion to that difference, and so does what the numbers' uncertainty makes there, `spread2_m2` a row.
-pub(super) fn expected(benches: &Benches<'_>, three: &Three, spread2_m2: f64) -> Expected {
-    let (mut fitted, mut headline) = ([0.0; 3], [0.0; 3]);
+/// proportion to what it goes with, and so does what the numbers' uncertainty makes there, `spread2_m2` a row.
+pub(super) fn expected(benches: &Benches<'_>, three: &Three, left_with: LeftWith, spread2_m2: f64) -> Expected {
+    let (mut fitted, mut headline) = ([0.0; 3], [0.0; 4]);
     for (index, record) in benches.records().enumerate() {
         let augmented = &three.augmented[index];
         let noise2 = record.noise_m.powi(2);
+        let speed2 = |row: usize| {
+            let next_m = augmented.get(row + 1).unwrap_or(&augmented[row]);
+            ((next_m - augmented[row]) / record.log.dt_s).powi(2)
+        };
         for (row, &measured) in record.log.displacement_m.iter().enumerate() {
             let difference2 = (three.nominal[index][row] - augmented[row]).powi(2);
+            let goes_with = match left_with {
+                LeftWith::Difference => difference2,
+                LeftWith::Speed => speed2(row),
+                LeftWith::Nothing => 1.0,
+            };
             if is_scored(benches, index, row) {
-                headline.iter_mut().zip([1.0, difference2, noise2]).for_each(|(sum, more)| *sum += more);
+                let sums = headline.iter_mut().zip([1.0, difference2, noise2, goes_with]);
+                sums.for_each(|(sum, more)| *sum += more);
             } else if index < benches.fitted.records.len() && row >= record.run_in {
                 let left2 = (measured - augmented[row]).powi(2) - noise2;
-                fitted.iter_mut().zip([1.0, difference2, left2]).for_each(|(sum, more)| *sum += more);
+                fitted.iter_mut().zip([1.0, goes_with, left2]).for_each(|(sum, more)| *sum += more);
             }
         }
     }
     let lines2 = if benches.held.is_some() { three.not_portable_m2 * headline[0] } else { 0.0 };
-    let unexplained2 = if fitted[1] > 0.0 { fitted[2].max(0.0) / fitted[1] * headline[1] } else { 0.0 };
+    let unexplained2 = if fitted[1] > 0.0 { fitted[2].max(0.0) / fitted[1] * headline[3] } else { 0.0 };
     let left2 = unexplained2 + lines2 + spread2_m2 * headline[0];
     let (before2, after2) = (headline[1] + left2 + headline[2], left2 + headline[2]);
     let shrink_percent =

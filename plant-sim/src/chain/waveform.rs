@@ -104,7 +104,7 @@ impl Waveform {
         }
         let [mut first_v, mut last_v] = [self.now_v(); 2];
         for (given, held) in &self.underway {
-            let arrival_s = self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s;
+            let arrival_s = self.arrival_of_s(*given, from_s);
             if held.slope_v_per_s != 0.0 {
                 return None;
             }
@@ -120,8 +120,12 @@ impl Waveform {
 
     /// When the next command arrives, from `from_s` of the present sample on.
     fn arrival_s(&self, from_s: f64) -> f64 {
-        let after = |given: u64| self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s;
-        self.underway.front().map_or(f64::INFINITY, |(given, _)| after(*given))
+        self.underway.front().map_or(f64::INFINITY, |(given, _)| self.arrival_of_s(*given, from_s))
+    }
+
+    /// The same of the command that sample `given` gave.
+    fn arrival_of_s(&self, given: u64, from_s: f64) -> f64 {
+        self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s
     }
 
     /// The acting command over `duration_s`, which begins `at_s` into the sub-step.
