@@ -71,7 +71,7 @@ pub(super) struct Fits<'a> {
 }
 
 /// What rivals of a fit that left next to nothing must promise, as gain, and what they may cost soon.
-struct Found {
+struct Bar {
     least_gain: f64,
     most_cost: f64,
 }
@@ -184,7 +184,7 @@ impl Fits<'_> {
         all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
         // The first fit that left next to nothing.
-        let mut found: Option<Found> = None;
+        let mut found: Option<Bar> = None;
         for (number, lead) in all.iter().enumerate() {
             if found.as_ref().is_some_and(|found| lead.gain < found.least_gain) {
                 continue;
@@ -192,7 +192,7 @@ impl Fits<'_> {
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
             let fit = self.best_form(lead, leads, found.as_ref());
             if found.is_none() && self.left(&fit) < FOUND {
-                found = Some(Found { least_gain: AS_MUCH * lead.gain, most_cost: NO_RIVAL * fit.found.data_cost });
+                found = Some(Bar { least_gain: AS_MUCH * lead.gain, most_cost: NO_RIVAL * fit.found.data_cost });
             }
             fits.push(fit);
         }
@@ -284,7 +284,7 @@ impl Fits<'_> {
 
     /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than a rival of what was
     /// `found` must.
-    fn best_form(&self, lead: &Lead, leads: &[Lead], found: Option<&Found>) -> Candidate {
+    fn best_form(&self, lead: &Lead, leads: &[Lead], found: Option<&Bar>) -> Candidate {
         let (least, most) = found.map_or((0.0, f64::INFINITY), |found| (found.least_gain, found.most_cost));
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead, most);

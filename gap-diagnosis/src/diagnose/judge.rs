@@ -3,6 +3,8 @@
 use super::bench::Freedom;
 use super::evidence::{Judged, probabilities, unknown_score};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
+use super::normal::Sums;
+use super::records::ROUGH;
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Search};
 use super::spread::{Scattered, scattered};
@@ -39,8 +41,6 @@ const MISSES_A_LOG: f64 = 0.5;
 /// .. if the log's gap, and what is left of it, are more than these shares of the noise's power.
 const GAP_OF_LOG: f64 = 0.25;
 const LEFT_OF_LOG: f64 = 0.08;
-/// Times by which a log's noise may be overestimated where the others show less.
-const ROUGH: f64 = 1.2;
 /// Least fraction of the gap that an effect beside a fit above the noise is taken to leave.
 const BENT: f64 = 0.02;
 /// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
@@ -267,9 +267,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
 /// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of
 /// the log in the middle tells it better than a log's own differences, which a fast plant roughens.
 fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate) -> f64 {
-    let mean2 = |candidate: &Candidate| -> Vec<f64> {
-        candidate.found.normal.logs.iter().map(|log| log.squares_m2 / log.rows.max(1) as f64).collect()
-    };
+    let mean2 = |candidate: &Candidate| -> Vec<f64> { candidate.found.normal.logs.iter().map(Sums::mean_m2).collect() };
     let (before2, after2) = (mean2(refit), mean2(fit));
     let mut sorted = after2.clone();
     sorted.sort_by(f64::total_cmp);

@@ -33,6 +33,11 @@ impl Sums {
         Self { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 }
     }
 
+    /// Mean square of the fitted rows, metres squared.
+    pub fn mean_m2(&self) -> f64 {
+        self.squares_m2 / self.rows.max(1) as f64
+    }
+
     /// These, or, of a plant that is no number any more (a spring that softens without end lets go), those of one that is far off in all
     /// `rows`: it explains nothing, and sums stay numbers.
     fn or_far_off(self, rows: usize) -> Self {

@@ -17,8 +17,8 @@ const RECOGNISED: f64 = 0.005;
 const UNKNOWN: f64 = 1.0;
 /// Values of a lattice may lie this far off it, in steps.
 const OFF_LATTICE: f64 = 0.02;
-/// A log's noise over the median of all logs' at the most.
-const ROUGH: f64 = 1.2;
+/// Times by which a log's noise may be overestimated where the other logs show less.
+pub(super) const ROUGH: f64 = 1.2;
 /// A monitor's own error in shares of its span: no divider is better calibrated than that.
 const MONITOR_ACCURACY: f64 = 2e-3;
 /// The stated noise is believed if it is above what differences show by no more than this many of its sigma.

@@ -78,7 +78,7 @@ impl Search<'_> {
     fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
         let weights = noise_weights(self.bench);
         let logs = found.normal.logs.iter().zip(&weights);
-        let worst_chi = logs.map(|(log, w)| w * log.squares_m2 / log.rows.max(1) as f64).fold(0.0, f64::max);
+        let worst_chi = logs.map(|(log, w)| w * log.mean_m2()).fold(0.0, f64::max);
         let chi = found.normal.cost(&weights) / found.normal.rows().max(1) as f64;
         Candidate { hypothesis, found, chi, worst_chi }
     }
@@ -97,7 +97,7 @@ impl Search<'_> {
     fn unlocked(&self, candidate: Candidate) -> Candidate {
         let weights = noise_weights(self.bench);
         let logs = candidate.found.normal.logs.iter().zip(&weights);
-        let chis: Vec<f64> = logs.map(|(log, w)| w * log.squares_m2 / log.rows.max(1) as f64).collect();
+        let chis: Vec<f64> = logs.map(|(log, w)| w * log.mean_m2()).collect();
         let mut sorted = chis.clone();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted[(sorted.len() - 1) / 2];

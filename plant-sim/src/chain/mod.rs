@@ -123,9 +123,17 @@ struct Instead {
 enum Pace {
     /// Whole, or in the two parts that a fractional delay makes: what the drive holds is constant, or a line.
     Exact(Queue),
-    /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine. So many make a step that is short enough
-    /// where no law is at work.
-    Fine { waveform: Box<Waveform>, laws: Option<Box<Laws>>, count: usize, long: usize },
+    /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine.
+    Fine(Fine),
+}
+
+/// Sub-steps of a sample.
+struct Fine {
+    waveform: Box<Waveform>,
+    laws: Option<Box<Laws>>,
+    count: usize,
+    /// So many make a step that is short enough where no law is at work; one if that is never told.
+    long: usize,
 }
 
 /// Commands on their way to a drive without memory.
@@ -179,13 +187,14 @@ impl Simulator {
             let stroke_m = TYPICAL_V * chain.plant.static_gain_m_per_v();
             let [count, idle] =
                 if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { [1; 2] };
-            let long = count / idle;
+            // Where something else pulls beside the drive it is not known how much before the step.
+            let long = if parts.shakes.is_empty() && parts.transducer.is_none() { count / idle } else { 1 };
             let laws =
                 parts.need_substeps().then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
             let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
             let durations_s = [count, idle].map(|count| sample_s / count as f64);
             let spans = if long > 1 { Spans::two(durations_s) } else { Spans::whole(durations_s[0]) };
-            (Pace::Fine { waveform, laws, count, long }, spans)
+            (Pace::Fine(Fine { waveform, laws, count, long }), spans)
         } else {
             let queue = Queue::new(delay_s / sample_s, sample_s);
             let fraction_s = queue.fraction_s;
@@ -229,7 +238,7 @@ impl Simulator {
             return;
         }
         self.readout.hold(share);
-        if let Pace::Fine { laws: Some(laws), .. } = &mut self.pace {
+        if let Pace::Fine(Fine { laws: Some(laws), .. }) = &mut self.pace {
             laws.hold(share);
         }
     }
@@ -275,7 +284,7 @@ impl Simulator {
         }
         match &mut self.pace {
             Pace::Exact(queue) => queue.before = Held::zero_order(drive_v),
-            Pace::Fine { waveform, .. } => waveform.rest_on(drive_v),
+            Pace::Fine(fine) => fine.waveform.rest_on(drive_v),
         }
         self.acting_v = held_v;
         if let Some(heat) = &mut self.heat {
@@ -294,7 +303,7 @@ impl Simulator {
         let first_mode = self.plant.hysterons.len() + 2;
         let modes = self.modes.iter().enumerate().filter(|(_, mode)| matches!(mode.joint, Joint::Attached { .. }));
         let slid = match &self.pace {
-            Pace::Fine { laws: Some(laws), .. } => laws.slid().to_vec(),
+            Pace::Fine(Fine { laws: Some(laws), .. }) => laws.slid().to_vec(),
             _ => Vec::new(),
         };
         power::Snapshot {
@@ -356,27 +365,17 @@ impl Simulator {
                 alpha,
                 force_n,
             ),
-            Pace::Fine { waveform, laws, count, long } => {
-                waveform.push(command);
-                let short_s = self.sample_s / *count as f64;
-                let long_s = short_s * *long as f64;
+            Pace::Fine(fine) => {
+                fine.waveform.push(command);
+                let short_s = self.sample_s / fine.count as f64;
                 let mut index = 0;
-                while index < *count {
+                while index < fine.count {
                     let from_s = index as f64 * short_s;
-                    let mut idle_n = None;
-                    if let Some(laws) = laws
-                        && transducer.is_none()
-                        && shakes.is_empty()
-                        && *long > 1
-                        && index % *long == 0
-                        && let Some(between_v) = waveform.between_v(from_s, long_s)
-                    {
-                        let pulls_n = between_v.map(|drive_v| alpha * drive_v - force_n);
-                        idle_n = laws.idle_n(stepper.states(), pulls_n, long_s);
-                    }
-                    let (span, step_s) = if idle_n.is_some() { (1, long_s) } else { (0, short_s) };
-                    index += if idle_n.is_some() { *long } else { 1 };
-                    let [start_v, slope, curve] = waveform.parabola(from_s, step_s);
+                    let idle_n = fine.idle_n(index, short_s, stepper.states(), alpha, force_n);
+                    let (span, steps) = if idle_n.is_some() { (1, fine.long) } else { (0, 1) };
+                    index += steps;
+                    let step_s = steps as f64 * short_s;
+                    let [start_v, slope, curve] = fine.waveform.parabola(from_s, step_s);
                     let mut push =
                         Push { force_n: alpha * start_v - force_n, slope: alpha * slope, curve: alpha * curve };
                     if let Some(transducer) = transducer {
@@ -389,28 +388,13 @@ impl Simulator {
                     if !shakes.is_empty() {
                         push = push.with(Shake::push(shakes, sample_start_s + from_s, step_s));
                     }
-                    if let Some(laws) = laws {
-                        let against = match idle_n {
-                            Some(against_n) => [against_n, 0.0, 0.0],
-                            None => {
-                                let pull = [push.force_n, push.slope, push.curve];
-                                laws.foresee(stepper.states(), pull, step_s)
-                            }
-                        };
-                        push.force_n -= against[0];
-                        push.slope -= against[1];
-                        push.curve -= against[2];
-                        if let Some(rates) = laws.rates() {
-                            stepper.set_rates(Some(rates));
-                        }
-                        stepper.push(span, push);
-                        laws.moved(stepper.state(0));
-                    } else {
-                        stepper.push(span, push);
+                    match &mut fine.laws {
+                        Some(laws) => laws.step(stepper, span, push, step_s, idle_n),
+                        None => stepper.push(span, push),
                     }
                 }
-                waveform.end_sample();
-                waveform.now_v()
+                fine.waveform.end_sample();
+                fine.waveform.now_v()
             }
         };
         if let Some(heat) = &mut self.heat {
@@ -422,6 +406,16 @@ impl Simulator {
             self.stepper.set_state(&[place_m, 0.0]);
         }
         self.readout.advance(self.seen_m(), self.stepper.state(1));
+    }
+}
+
+impl Fine {
+    /// The laws' constant force against the motion over the long step that begins with sub-step `index`, if none is at work there.
+    fn idle_n(&mut self, index: usize, short_s: f64, state: &[f64], alpha: f64, force_n: f64) -> Option<f64> {
+        let laws = self.laws.as_mut().filter(|_| self.long > 1 && index.is_multiple_of(self.long))?;
+        let long_s = self.long as f64 * short_s;
+        let between_v = self.waveform.between_v(index as f64 * short_s, long_s)?;
+        laws.idle_n(state, between_v.map(|drive_v| alpha * drive_v - force_n), long_s)
     }
 }
 

@@ -13,6 +13,7 @@ use super::parts::in_pad;
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
+use crate::exact::{Push, Stepper};
 use crate::phs::Phs;
 use std::f64::consts::TAU;
 
@@ -136,8 +137,16 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
-    let rate = rate.max(4.0 * widening / plant.mass_kg);
-    [count(rate), idle]
+    let count_of_laws = count(rate.max(4.0 * widening / plant.mass_kg));
+    [count_of_laws, if may_be_idle(parts) { idle } else { count_of_laws }]
+}
+
+/// Whether the laws are such that [`Laws::idle_n`] ever tells that none is at work.
+fn may_be_idle(parts: &Parts) -> bool {
+    let may = |force: &Force| {
+        matches!(force, Force::Presliding { .. } | Force::OneSided { .. } | Force::Stop { .. } | Force::Pad { .. })
+    };
+    parts.bends.is_empty() && parts.forces.iter().all(may)
 }
 
 impl Laws {
@@ -198,14 +207,9 @@ impl Laws {
         &self.slid
     }
 
-    /// Additions to the rates of the states over the sub-step foreseen last; `None` if no hysteron is bent.
-    pub(super) fn rates(&self) -> Option<&[f64]> {
-        (!self.leaks.is_empty()).then_some(&self.rates)
-    }
-
     /// Foresees the sub-step of `step_s`, while drive and shakes pull with `pull` (newton, slope, second derivative):
     /// the laws' force against the motion, in the same form.
-    pub(super) fn foresee(&mut self, state: &[f64], pull: [f64; 3], step_s: f64) -> [f64; 3] {
+    fn foresee(&mut self, state: &[f64], pull: [f64; 3], step_s: f64) -> [f64; 3] {
         let mut sum = Moments::default();
         let path =
             if self.friction { self.rub(state, pull, step_s, &mut sum) } else { self.free_path(state, pull, step_s) };
@@ -253,9 +257,6 @@ impl Laws {
                 _ => return None,
             }
         }
-        if !self.leaks.is_empty() {
-            return None;
-        }
         let others_n =
             self.linear_load_n(state, [0.0; 3], self.modes(state, from_m_per_s), [from_m, from_m_per_s], 0.0)
                 - against_n
@@ -272,8 +273,33 @@ impl Laws {
         Some(against_n)
     }
 
+    /// Pushes the stepper by `push`, of which the laws were not yet taken, over its `span` of `step_s`; `idle_n` is their force where that is
+    /// known to be constant.
+    pub(super) fn step(
+        &mut self,
+        stepper: &mut dyn Stepper,
+        span: usize,
+        mut push: Push,
+        step_s: f64,
+        idle_n: Option<f64>,
+    ) {
+        let against = match idle_n {
+            Some(against_n) => [against_n, 0.0, 0.0],
+            None => self.foresee(stepper.states(), [push.force_n, push.slope, push.curve], step_s),
+        };
+        push.force_n -= against[0];
+        push.slope -= against[1];
+        push.curve -= against[2];
+        // Additions to the rates over the sub-step foreseen last; there are none if no hysteron is bent.
+        if !self.leaks.is_empty() {
+            stepper.set_rates(Some(&self.rates));
+        }
+        stepper.push(span, push);
+        self.moved(stepper.state(0));
+    }
+
     /// The sub-step took the mass to `to_m`.
-    pub(super) fn moved(&mut self, to_m: f64) {
+    fn moved(&mut self, to_m: f64) {
         for leak in &mut self.leaks {
             leak.moved_on(to_m - self.end_m);
         }

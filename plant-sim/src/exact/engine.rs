@@ -45,7 +45,7 @@ impl Spans {
 
     /// A sample in two parts: span 0 lasts `first_s`, span 1 the rest.
     pub fn split(sample_s: f64, first_s: f64) -> Self {
-        Self { durations_s: [first_s, sample_s - first_s] }
+        Self::two([first_s, sample_s - first_s])
     }
 }
 
