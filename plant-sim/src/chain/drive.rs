@@ -147,3 +147,27 @@ impl Drive {
         self.lag.is_some() || self.slew_v_per_s.min(self.slew_down_v_per_s).is_finite()
     }
 }
+
+/// What a drive makes of commands, at every sample: most drives are a gain within a range, which needs none of the rest.
+pub(super) struct Output {
+    pub drive: Drive,
+    is_gain: bool,
+}
+
+impl Output {
+    pub(super) fn new(drive: &Drive) -> Self {
+        let bends = [drive.gain_skew, drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change];
+        let is_straight = bends.into_iter().all(|bend| bend == 0.0);
+        let is_clipped = drive.knee_v <= 0.0 && drive.slope_beyond == 0.0;
+        Self { drive: drive.clone(), is_gain: is_straight && is_clipped && drive.quantum_v <= 0.0 }
+    }
+
+    /// [`Drive::output_v`].
+    #[inline]
+    pub(super) fn at_v(&self, command_v: f64) -> f64 {
+        if !self.is_gain {
+            return self.drive.output_v(command_v);
+        }
+        (self.drive.gain * command_v).clamp(self.drive.range_v[0], self.drive.range_v[1])
+    }
+}

@@ -15,6 +15,7 @@ pub mod power;
 mod readout;
 mod relax;
 mod sensor;
+mod shaking;
 mod substep;
 mod transducer;
 mod waveform;
@@ -28,7 +29,9 @@ pub use transducer::DriveHysteresis;
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
 use crate::linear::StateSpace;
 use crate::phs::{Phs, PhsState};
+use drive::Output;
 use readout::Readout;
+use shaking::Shaking;
 use std::collections::VecDeque;
 use substep::Laws;
 use transducer::Transducer;
@@ -91,7 +94,7 @@ impl Held {
 /// A chain in motion at a fixed sample rate.
 pub struct Simulator {
     plant: Phs,
-    drive: Drive,
+    output: Output,
     stepper: Box<dyn Stepper>,
     readout: Readout,
     modes: Vec<Mode>,
@@ -101,7 +104,7 @@ pub struct Simulator {
     lag: Option<usize>,
     /// Parallel modes that must not feel the engine's force, because laws are part of it.
     outside: Vec<(f64, Box<dyn Stepper>)>,
-    shakes: Vec<Shake>,
+    shaking: Shaking,
     transducer: Option<Transducer>,
     is_massless: bool,
     linear: Option<Box<Instead>>,
@@ -151,6 +154,10 @@ struct Queue {
 /// Warmth and what it makes of the gain.
 struct HeatState {
     warming: Warming,
+    sample_s: f64,
+    /// Shares of the way to equilibrium that half a sample and a whole one make.
+    half: f64,
+    whole: f64,
     theta: f64,
     heating: f64,
     last_v: f64,
@@ -211,14 +218,14 @@ impl Simulator {
         });
         Self {
             plant: chain.plant.clone(),
-            drive: chain.drive.clone(),
+            output: Output::new(&chain.drive),
             stepper: stepper(&dynamics, spans),
             readout: Readout::new(&chain.sensor, parts, sample_s, lag.is_some()),
             outside: outside.collect(),
             modes,
             seen: lag.map_or(seen, |lag| vec![lag]),
             lag,
-            shakes: parts.shakes.clone(),
+            shaking: Shaking::new(&parts.shakes, spans),
             transducer: parts.transducer.clone().map(Transducer::new),
             is_massless: parts.is_massless,
             linear: linear.map(|space| {
@@ -228,7 +235,7 @@ impl Simulator {
             sample_s,
             pace,
             acting_v: 0.0,
-            heat: chain.drive.warming.map(HeatState::new),
+            heat: chain.drive.warming.map(|warming| HeatState::new(warming, sample_s)),
         }
     }
 
@@ -246,7 +253,7 @@ impl Simulator {
     /// Starts from `state` with `drive_v` held ever before.
     pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
         let mut packed = pack(state);
-        let held_v = self.drive.output_v(drive_v);
+        let held_v = self.output.at_v(drive_v);
         // Oscillators begin at rest: attached ones where the mass is, parallel ones where the held force has brought them.
         for mode in &self.modes {
             packed.extend(match mode.joint {
@@ -348,18 +355,17 @@ impl Simulator {
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
     pub fn advance(&mut self, command: Held, force_n: f64) {
-        let alpha =
-            self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, |heat| heat.gain(0.5 * self.sample_s));
+        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain);
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
-        let shakes = self.shakes.as_slice();
+        let shaking = &self.shaking;
         let sample_start_s = self.readout.time_s();
         self.acting_v = match &mut self.pace {
             Pace::Exact(queue) => queue.advance(
                 stepper,
                 transducer,
-                shakes,
-                &self.drive,
+                shaking,
+                &self.output,
                 [sample_start_s, self.sample_s],
                 command,
                 alpha,
@@ -385,8 +391,8 @@ impl Simulator {
                     for (_, mode) in &mut self.outside {
                         mode.push(span, push);
                     }
-                    if !shakes.is_empty() {
-                        push = push.with(Shake::push(shakes, sample_start_s + from_s, step_s));
+                    if !shaking.is_empty() {
+                        push = push.with(shaking.push(span, sample_start_s + from_s));
                     }
                     match &mut fine.laws {
                         Some(laws) => laws.step(stepper, span, push, step_s, idle_n),
@@ -398,7 +404,7 @@ impl Simulator {
             }
         };
         if let Some(heat) = &mut self.heat {
-            heat.pass(self.acting_v, self.sample_s);
+            heat.pass(self.acting_v);
         }
         if self.is_massless {
             let missing_n = self.transducer.as_ref().map_or(0.0, Transducer::now_n);
@@ -445,8 +451,8 @@ impl Queue {
         &mut self,
         stepper: &mut dyn Stepper,
         transducer: &mut Option<Transducer>,
-        shakes: &[Shake],
-        drive: &Drive,
+        shaking: &Shaking,
+        output: &Output,
         [sample_start_s, sample_s]: [f64; 2],
         command: Held,
         alpha: f64,
@@ -455,16 +461,16 @@ impl Queue {
         self.pending.push_back(command);
         let acting = self.take_oldest();
         let mut push = |span: usize, held: Held, age_s: f64, [from_s, duration_s]: [f64; 2]| {
-            let start_v = drive.output_v(held.start_v + held.slope_v_per_s * age_s);
-            if transducer.is_some() || !shakes.is_empty() {
-                let end_v = drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+            let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
+            if transducer.is_some() || !shaking.is_empty() {
+                let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
                 let slope = (end_v - start_v) / duration_s;
                 let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
                 if let Some(transducer) = transducer {
                     push = push.without(transducer.missing([start_v, slope, 0.0], duration_s));
                 }
-                if !shakes.is_empty() {
-                    push = push.with(Shake::push(shakes, sample_start_s + from_s, duration_s));
+                if !shaking.is_empty() {
+                    push = push.with(shaking.push(span, sample_start_s + from_s));
                 }
                 stepper.push(span, push);
                 return end_v;
@@ -473,7 +479,7 @@ impl Queue {
                 stepper.advance(span, alpha * start_v - force_n, 0.0);
                 return start_v;
             }
-            let end_v = drive.output_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+            let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
             stepper.advance(span, alpha * start_v - force_n, alpha * (end_v - start_v) / duration_s);
             end_v
         };
@@ -498,30 +504,30 @@ impl Queue {
 
 impl HeatState {
     /// Cold, after long at zero volts.
-    fn new(warming: Warming) -> Self {
+    fn new(warming: Warming, sample_s: f64) -> Self {
         let heating = if warming.heat == Heat::Time { 1.0 } else { 0.0 };
-        Self { warming, theta: 0.0, heating, last_v: 0.0 }
+        let [half, whole] = [0.5, 1.0].map(|share| -(-share * sample_s / warming.time_constant_s).exp_m1());
+        Self { warming, sample_s, half, whole, theta: 0.0, heating, last_v: 0.0 }
     }
 
-    /// Gain `ahead_s` from now, if what heats stays as it is.
-    fn gain(&self, ahead_s: f64) -> f64 {
-        let towards = -(-ahead_s / self.warming.time_constant_s).exp_m1();
-        1.0 + self.warming.coefficient * (self.theta + towards * (self.heating - self.theta))
+    /// Gain in the middle of the present sample, if what heats stays as it is.
+    fn gain(&self) -> f64 {
+        1.0 + self.warming.coefficient * (self.theta + self.half * (self.heating - self.theta))
     }
 
     /// A sample passed that ended with `drive_v` on the actuator.
-    fn pass(&mut self, drive_v: f64, sample_s: f64) {
+    fn pass(&mut self, drive_v: f64) {
         let heating = match self.warming.heat {
             Heat::Time => 1.0,
             Heat::Drive { volts } => (drive_v / volts).powi(2),
             Heat::Loss { volts2_per_s } => {
                 // The integral of |v| |dv| over the sample, whatever its course: a step leaves as much heat as a ramp.
                 let half_square = |v: f64| 0.5 * v * v.abs();
-                (half_square(drive_v) - half_square(self.last_v)).abs() / (sample_s * volts2_per_s)
+                (half_square(drive_v) - half_square(self.last_v)).abs() / (self.sample_s * volts2_per_s)
             }
         };
         self.last_v = drive_v;
-        self.theta += -(-sample_s / self.warming.time_constant_s).exp_m1() * (heating - self.theta);
+        self.theta += self.whole * (heating - self.theta);
         // A step's loss is over with its sample.
         self.heating = if matches!(self.warming.heat, Heat::Loss { .. }) { self.theta } else { heating };
     }

@@ -5,12 +5,8 @@
 //! is mass. Plants of other kinds ([`crate::model::Kind`]) are parts in place of hysterons or of the whole structure.
 
 use super::DriveHysteresis;
-use super::lag::Moments;
-use super::path::Piece;
 use crate::bouc_wen::BoucWen;
-use crate::exact::Push;
 use crate::linear::StateSpace;
-use std::f64::consts::TAU;
 
 /// Everything beyond the nominal plant, or in place of parts of it; empty for a nominal chain of hysterons.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,22 +56,6 @@ pub struct Shake {
     pub cos_n: f64,
     /// Sine amplitude in N.
     pub sin_n: f64,
-}
-
-impl Shake {
-    /// The force of all `shakes` over `duration_s` from `from_s` on, as the parabola with the same three moments.
-    pub(super) fn push(shakes: &[Self], from_s: f64, duration_s: f64) -> Push {
-        let mut sum = Moments::default();
-        for (t, weight) in (Piece { from_s: 0.0, to_s: duration_s }).nodes() {
-            let one = |shake: &Self| {
-                let (sin, cos) = (TAU * shake.hz * (from_s + t)).sin_cos();
-                shake.cos_n * cos + shake.sin_n * sin
-            };
-            sum.add_node(t, weight, shakes.iter().map(one).sum());
-        }
-        let [force_n, slope, curve] = sum.parabola(duration_s);
-        Push { force_n, slope, curve }
-    }
 }
 
 /// A flexible arm that carries the sensor's target.

@@ -8,6 +8,8 @@ use super::{Arm, Lag, Parts, Relaxation, Sensor};
 /// The sensor's state.
 pub(super) struct Readout {
     sensor: Sensor,
+    /// The reading is a gain and an offset, which needs none of the rest at every sample.
+    is_affine: bool,
     sample_s: f64,
     sample: u64,
     /// Displacement and velocity at this sample behind the play.
@@ -15,6 +17,9 @@ pub(super) struct Readout {
     behind_m_per_s: f64,
     lag: LagState,
     creep: Vec<Relaxation>,
+    /// Share of the way to the displacement that each element of the creep goes in a sample, and the one that a joint with drag does.
+    creeps: Vec<f64>,
+    drags: f64,
     /// What each element of the creep has relaxed to, metres.
     relaxed_m: Vec<f64>,
     arms: Vec<(Arm, LagState)>,
@@ -26,14 +31,18 @@ impl Readout {
     /// `lagged` says that what arrives here has passed the lag already.
     pub(super) fn new(sensor: &Sensor, parts: &Parts, sample_s: f64, lagged: bool) -> Self {
         let lag = if lagged { None } else { sensor.lag };
+        let of_sample = |time_constant_s: f64| -(-sample_s / time_constant_s).exp_m1();
         Self {
             sensor: Sensor { lag, ..sensor.clone() },
+            is_affine: sensor.is_affine(),
             sample_s,
             sample: 0,
             behind_m: 0.0,
             behind_m_per_s: 0.0,
             lag: LagState::default(),
             creep: parts.creep.clone(),
+            creeps: parts.creep.iter().map(|element| of_sample(element.time_constant_s)).collect(),
+            drags: of_sample(sensor.drag_s),
             relaxed_m: vec![0.0; parts.creep.len()],
             arms: parts.arms.iter().map(|arm| (*arm, LagState::default())).collect(),
             structure: [0.0; 2],
@@ -86,8 +95,8 @@ impl Readout {
     fn follow(&mut self, displacement_m: f64, velocity_m_per_s: f64) -> f64 {
         let [from_m, from_m_per_s] = self.structure;
         let mean_m = 0.5 * (from_m + displacement_m);
-        for (element, relaxed_m) in self.creep.iter().zip(&mut self.relaxed_m) {
-            *relaxed_m -= (-self.sample_s / element.time_constant_s).exp_m1() * (mean_m - *relaxed_m);
+        for (creeps, relaxed_m) in self.creeps.iter().zip(&mut self.relaxed_m) {
+            *relaxed_m += creeps * (mean_m - *relaxed_m);
         }
         let path = hermite([from_m, from_m_per_s], [displacement_m, velocity_m_per_s], self.sample_s);
         for (arm, follower) in &mut self.arms {
@@ -117,12 +126,15 @@ impl Readout {
         if self.sensor.drag_s == f64::INFINITY {
             return self.behind_m;
         }
-        self.behind_m - (-self.sample_s / self.sensor.drag_s).exp_m1() * (displacement_m - self.behind_m)
+        self.behind_m + self.drags * (displacement_m - self.behind_m)
     }
 
     /// The reading at this sample.
     #[inline]
     pub(super) fn reading_m(&self) -> f64 {
+        if self.is_affine {
+            return self.sensor.gain * self.before_reading_m() + self.sensor.offset_m;
+        }
         self.sensor.predictable_m(self.before_reading_m(), self.time_s())
     }
 

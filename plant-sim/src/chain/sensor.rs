@@ -144,6 +144,13 @@ impl Sensor {
         Sensor { play_m, drag_s, lag, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
     }
 
+    /// Whether [`Sensor::predictable_m`] is a gain and an offset.
+    pub(super) fn is_affine(&self) -> bool {
+        let is_straight = self.gap.is_none() && self.quadratic_per_m == 0.0 && self.cubic_per_m2 == 0.0;
+        let is_steady = self.settling.is_none() && self.drifts.is_empty() && self.lines.is_empty();
+        is_straight && is_steady && self.cycles.is_empty() && self.stairs.is_none()
+    }
+
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
     pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
         let displacement_m = match self.gap {

@@ -47,6 +47,11 @@ impl Spans {
     pub fn split(sample_s: f64, first_s: f64) -> Self {
         Self::two([first_s, sample_s - first_s])
     }
+
+    /// How long span 0 or 1 lasts, in seconds; zero for one that is not in use.
+    pub fn duration_s(&self, span: usize) -> f64 {
+        self.durations_s[span]
+    }
 }
 
 /// The force over a move: `force_n + slope t + curve t^2 / 2`.
@@ -69,6 +74,11 @@ impl Push {
     /// A force that changes steadily.
     pub fn ramp(force_n: f64, slope: f64) -> Self {
         Self { force_n, slope, curve: 0.0 }
+    }
+
+    /// This force so many times.
+    pub fn times(self, factor: f64) -> Self {
+        Self { force_n: factor * self.force_n, slope: factor * self.slope, curve: factor * self.curve }
     }
 
     /// This force and another.
