@@ -27,7 +27,10 @@ const HELD: f64 = 0.02;
 const HELD_SHAPE: f64 = 0.01;
 /// Steps at most in a stage and in the last.
 const STEPS: usize = 2;
-const LAST_STEPS: usize = 12;
+const LAST_STEPS: usize = 16;
+/// Steps at most with sensitivities that are carried on, and how many times the cost that they promised the last step may have left.
+const CARRIED: usize = 3;
+const AS_PROMISED: f64 = 1.2;
 /// Steps of the last stage after which it must be getting somewhere.
 const FIRST_STEPS: usize = 3;
 /// Damping to begin with, and that at which a step is given up, relative to the information's diagonal.
@@ -82,13 +85,15 @@ pub fn descend(
         phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));
     }
     let mut normal = evaluate(bench, hypothesis, &z, Sensitivities::Thinned, simulations);
+    // Steps since sensitivities were taken.
+    let mut carried = 0;
     for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
         let last = index + 1 >= stages.len();
         if sensitivities == Sensitivities::All {
             if is_beyond(&normal, FAR) {
                 break;
             }
-            normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
+            (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0);
         }
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
         // Where the start is what is to be found, nothing holds it.
@@ -100,21 +105,35 @@ pub fn descend(
             }
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
-            let Some(next) = step(bench, hypothesis, &rules, &z, &normal, &weights, before, simulations) else { break };
-            let gained = before - next.1;
-            z = next.0;
-            normal = evaluate(bench, hypothesis, &z, sensitivities, simulations);
+            let problem = Problem { bench, hypothesis, rules: &rules, sensitivities, simulations };
+            let Some(step) = problem.step(&z, &normal, &weights, before, carried == 0) else {
+                if carried == 0 {
+                    break;
+                }
+                (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0);
+                continue;
+            };
+            z = step.z;
+            let gained = before - step.cost;
             let tolerance = match last {
-                true if is_beyond(&normal, FAR) => ROUGH,
-                true if is_beyond(&normal, NOT_NEAR) => MIDDLING,
+                true if is_beyond(&step.there, FAR) => ROUGH,
+                true if is_beyond(&step.there, NOT_NEAR) => MIDDLING,
                 _ => tolerance,
             };
-            if gained <= before * tolerance {
+            let is_over = gained <= before * tolerance && (carried == 0 || !last);
+            let is_as_promised = step.cost < AS_PROMISED * step.promised;
+            let goes_on = gained > before * tolerance && carried + 1 < CARRIED && is_as_promised;
+            match step.carried.filter(|_| goes_on) {
+                Some(next) => (normal, carried) = (next, carried + 1),
+                None => (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0),
+            }
+            if is_over {
                 break;
             }
         }
     }
-    Found { data_cost: normal.cost(&noise), prior_cost: prior_cost(&rules, &z, bench.free.len()), z, normal }
+    let (data_cost, prior_cost) = (normal.cost(&noise), prior_cost(&rules, &z, bench.free.len()));
+    Found { data_cost, prior_cost, z, normal: normal.settled() }
 }
 
 /// The rules with every log's start held near rest: while residuals count little, a memory of hysterons that costs nothing would take
@@ -142,32 +161,53 @@ fn weights(normal: &Normal, noise: &[f64], softness: f64) -> Vec<f64> {
     noise.iter().map(|weight| 1.0 / (1.0 / weight).max(soft)).collect()
 }
 
-/// A step that lowers the cost, and the cost there; `None` if no damping finds one.
-#[allow(clippy::too_many_arguments)]
-fn step(
-    bench: &Bench<'_>,
-    hypothesis: &Hypothesis,
-    rules: &[Rule],
-    z: &[f64],
-    normal: &Normal,
-    weights: &[f64],
-    before: f64,
-    simulations: &AtomicUsize,
-) -> Option<(Vec<f64>, f64)> {
-    let (mut information, mut gradient) = normal.assemble(weights);
-    add_priors(rules, z, &mut information, &mut gradient);
-    let mut damping = DAMPING;
-    while damping <= MOST_DAMPING {
-        let change = bounded_step(&information, &gradient, rules, z, damping)?;
-        let there: Vec<f64> = z.iter().zip(change.iter()).map(|(z, c)| z + c).collect();
-        let cost = evaluate(bench, hypothesis, &there, Sensitivities::None, simulations).cost(weights)
-            + prior_cost(rules, &there, there.len());
-        if cost < before {
-            return Some((there, cost));
+/// What a step is taken in.
+struct Problem<'a> {
+    bench: &'a Bench<'a>,
+    hypothesis: &'a Hypothesis,
+    rules: &'a [Rule],
+    sensitivities: Sensitivities,
+    simulations: &'a AtomicUsize,
+}
+
+/// A step that lowers the cost.
+struct Step {
+    /// Coordinates after it.
+    z: Vec<f64>,
+    /// The cost there, and what it was to be.
+    cost: f64,
+    promised: f64,
+    /// Squares there.
+    there: Normal,
+    /// Sums there, with sensitivities that are carried on.
+    carried: Option<Normal>,
+}
+
+impl Problem<'_> {
+    /// A step from `z` that lowers the cost from `before`; `None` if no damping finds one, or, unless sensitivities are `fresh`, not the first.
+    fn step(&self, z: &[f64], normal: &Normal, weights: &[f64], before: f64, fresh: bool) -> Option<Step> {
+        let (mut information, mut gradient) = normal.assemble(weights);
+        add_priors(self.rules, z, &mut information, &mut gradient);
+        let carried = Sensitivities::Carried { thinned: self.sensitivities == Sensitivities::Thinned };
+        let mut damping = DAMPING;
+        while damping <= MOST_DAMPING {
+            let change = bounded_step(&information, &gradient, self.rules, z, damping)?;
+            let to: Vec<f64> = z.iter().zip(change.iter()).map(|(z, c)| z + c).collect();
+            let there = evaluate(self.bench, self.hypothesis, &to, carried, self.simulations);
+            let cost = there.cost(weights) + prior_cost(self.rules, &to, to.len());
+            if cost < before {
+                let promised = before - 2.0 * gradient.dot(&change) + change.dot(&(&information * &change));
+                let units = information.diagonal().map(|known| known.max(f64::MIN_POSITIVE).sqrt().recip());
+                let carried = normal.carried(&there, &change, &units);
+                return Some(Step { z: to, cost, promised, there, carried });
+            }
+            if !fresh {
+                return None;
+            }
+            damping *= 30.0;
         }
-        damping *= 30.0;
+        None
     }
-    None
 }
 
 /// The damped step inside bounds and step limits: what would go farther goes as far as it may, and the rest is solved again.

@@ -13,6 +13,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub(super) const CHUNK: usize = 4096;
 /// What a plant that is no number any more is taken to be off by in each row: more than any that is one.
 const RUN_AWAY_M: f64 = 1.0;
+/// Most sensitivities that are kept, of all rows of all logs: 64 MB.
+const MOST_KEPT: usize = 8_000_000;
 
 /// Sums over the fitted rows of one log.
 #[derive(Clone, Debug)]
@@ -25,12 +27,53 @@ pub struct Sums {
     pub squares_m2: f64,
     /// Fitted rows.
     pub rows: usize,
+    /// Rows that one row of the sensitivities stands for.
+    thin: usize,
+    /// The sensitivities themselves, chunk by chunk, as long as they may be carried on; none where they would take too much memory.
+    kept: Vec<Kept>,
+}
+
+/// Sensitivities at some rows, and the residuals there: see [`Chunk`].
+#[derive(Clone, Debug)]
+struct Kept {
+    columns: DMatrix<f64>,
+    residuals_m: DVector<f64>,
 }
 
 impl Sums {
     /// Of no rows, for `count` coordinates.
     fn of(count: usize) -> Self {
-        Self { products: DMatrix::zeros(count, count), gradient: DVector::zeros(count), squares_m2: 0.0, rows: 0 }
+        let (products, gradient) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        Self { products, gradient, squares_m2: 0.0, rows: 0, thin: 1, kept: Vec::new() }
+    }
+
+    /// The sums at a point that lies `change` away (the log's coordinates), of which `there` has the residuals: sensitivities change as
+    /// little as the residuals' change asks for, each coordinate counted in `units` (Broyden 1965).
+    fn carried(&self, there: &Self, change: &DVector<f64>, units: &DVector<f64>) -> Option<Self> {
+        let along = change.component_div(units).component_div(units);
+        let length2 = along.dot(change);
+        if self.kept.is_empty() || self.kept.len() != there.kept.len() || !there.squares_m2.is_finite() {
+            return None;
+        }
+        let turn = if length2 > 0.0 { along / length2 } else { along };
+        let mut carried = Self { squares_m2: there.squares_m2, ..self.clone() };
+        carried.gradient.fill(0.0);
+        let (mut crossed, mut missed2) = (DVector::zeros(change.len()), 0.0);
+        for (kept, there) in carried.kept.iter_mut().zip(&there.kept) {
+            // What the sensitivities did not foresee of the prediction's change.
+            let mut missed = (&kept.residuals_m - &there.residuals_m) / self.thin as f64;
+            missed.gemv(-1.0, &kept.columns, change, 1.0);
+            crossed.gemv_tr(1.0, &kept.columns, &missed, 1.0);
+            missed2 += missed.norm_squared();
+            kept.columns.ger(1.0, &missed, &turn, 1.0);
+            kept.residuals_m.copy_from(&there.residuals_m);
+            carried.gradient.gemv_tr(1.0, &kept.columns, &kept.residuals_m, 1.0);
+        }
+        let thin = self.thin as f64;
+        carried.products.ger(thin, &crossed, &turn, 1.0);
+        carried.products.ger(thin, &turn, &crossed, 1.0);
+        carried.products.ger(thin * missed2, &turn, &turn, 1.0);
+        Some(carried)
     }
 
     /// Mean square of the fitted rows, metres squared.
@@ -64,6 +107,11 @@ pub struct Normal {
 pub enum Sensitivities {
     /// None: squares alone.
     None,
+    /// None, but residuals at the rows at which others are taken: thinned or all.
+    Carried {
+        /// Where the log is thinned.
+        thinned: bool,
+    },
     /// Some of them, where the log is thinned: for steps, and for leads.
     Thinned,
     /// All: for where a fit ends.
@@ -168,12 +216,13 @@ impl<'a> Lockstep<'a> {
     ) -> Self {
         let rules = bench.rules(hypothesis);
         let record = &bench.records[index];
+        let is_thinned = matches!(sensitivities, Sensitivities::Thinned | Sensitivities::Carried { thinned: true });
         let (thin, log) = match &bench.thinned[index] {
-            Some(thinned) if sensitivities == Sensitivities::Thinned => (thinned.factor, &thinned.log),
+            Some(thinned) if is_thinned => (thinned.factor, &thinned.log),
             _ => (1, record.log),
         };
         let coordinates = match sensitivities {
-            Sensitivities::None => Vec::new(),
+            Sensitivities::None | Sensitivities::Carried { .. } => Vec::new(),
             _ => bench.coordinates_of(hypothesis, index),
         };
         let here = at(bench, hypothesis, z, index);
@@ -185,7 +234,8 @@ impl<'a> Lockstep<'a> {
         });
         let moved = moved.collect();
         let played = |log| Reader::new(&here.0, log, &here.1);
-        Self { record, base: played(record.log), thin, thinned: (thin > 1).then(|| played(log)), moved }
+        let thinned = (thin > 1 && sensitivities == Sensitivities::Thinned).then(|| played(log));
+        Self { record, base: played(record.log), thin, thinned, moved }
     }
 
     /// Rows that one row of the sensitivities stands for.
@@ -282,20 +332,33 @@ pub fn evaluate(
     sensitivities: Sensitivities,
     simulations: &AtomicUsize,
 ) -> Normal {
+    let rows: usize = bench.records.iter().map(|record| record.log.len()).sum();
     let one_log = |index: usize| {
         let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
-        let mut sums = Sums::of(count);
+        let mut sums = Sums { thin: lockstep.thin, ..Sums::of(count) };
         let n = bench.records[index].log.len();
+        let keeps = match sensitivities {
+            Sensitivities::None => false,
+            Sensitivities::Carried { .. } => true,
+            Sensitivities::Thinned | Sensitivities::All => rows * count < MOST_KEPT,
+        };
         for from in (0..n).step_by(CHUNK) {
             let chunk = lockstep.next(from, CHUNK.min(n - from));
             sums.squares_m2 += chunk.squares_m2;
             sums.rows += chunk.rows;
-            if count > 0 && !chunk.places.is_empty() {
-                let matrix = chunk.matrix();
-                sums.products.gemm_tr(lockstep.thin as f64, &matrix, &matrix, 1.0);
-                sums.gradient.gemv_tr(1.0, &matrix, &DVector::from_vec(chunk.residuals_m), 1.0);
+            if chunk.places.is_empty() {
+                continue;
+            }
+            let columns = chunk.matrix();
+            let residuals_m = DVector::from_vec(chunk.residuals_m);
+            if count > 0 {
+                sums.products.gemm_tr(lockstep.thin as f64, &columns, &columns, 1.0);
+                sums.gradient.gemv_tr(1.0, &columns, &residuals_m, 1.0);
+            }
+            if keeps {
+                sums.kept.push(Kept { columns, residuals_m });
             }
         }
         sums.or_far_off(n)
@@ -310,6 +373,31 @@ impl Normal {
         self.logs.iter().zip(weights).map(|(sums, weight)| weight * sums.squares_m2).sum()
     }
 
+    /// These sums at a point that lies `change` away, of which `there` has the residuals, with sensitivities that are carried on; `None` if
+    /// they were not kept. `units` is what each coordinate is counted in.
+    pub fn carried(&self, there: &Self, change: &DVector<f64>, units: &DVector<f64>) -> Option<Self> {
+        let of_log = |all: &DVector<f64>, index: usize| {
+            let places = (0..self.shared + self.own).map(|i| self.place(index, i));
+            DVector::from_iterator(self.shared + self.own, places.map(|place| all[place]))
+        };
+        let logs = self.logs.iter().zip(&there.logs).enumerate();
+        let carried = |(index, (here, there)): (usize, (&Sums, &Sums))| {
+            here.carried(there, &of_log(change, index), &of_log(units, index))
+        };
+        Some(Self { logs: logs.map(carried).collect::<Option<_>>()?, ..*self })
+    }
+
+    /// The same without sensitivities to carry on.
+    pub fn settled(mut self) -> Self {
+        self.logs.iter_mut().for_each(|log| log.kept = Vec::new());
+        self
+    }
+
+    /// Where coordinate `i` of log `index` stands among all.
+    fn place(&self, index: usize, i: usize) -> usize {
+        if i < self.shared { i } else { self.shared + index * self.own + i - self.shared }
+    }
+
     /// Information and gradient over all coordinates.
     pub fn assemble(&self, weights: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
         let size = self.shared + self.logs.len() * self.own;
@@ -319,7 +407,7 @@ impl Normal {
             if sums.products.nrows() == 0 {
                 continue;
             }
-            let place = |i: usize| if i < self.shared { i } else { self.shared + index * self.own + i - self.shared };
+            let place = |i: usize| self.place(index, i);
             for i in 0..sums.products.nrows() {
                 gradient[place(i)] += weight * sums.gradient[i];
                 for j in 0..sums.products.nrows() {
@@ -366,6 +454,42 @@ mod tests {
         assert!((0..log.len()).any(|_| !reader.next_m().is_finite()), "the test needs a plant that runs away");
         let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::All, &AtomicUsize::new(0));
         assert_eq!(normal.rms_m(), RUN_AWAY_M);
+    }
+
+    /// Sensitivities that are carried on tell of the way back what the simulation tells: residuals here are those there and what the
+    /// sensitivities make of the change, and so are their squares.
+    #[test]
+    fn sensitivities_carried_on_know_the_way_that_was_gone() {
+        let model = thesis();
+        let log = Log {
+            dt_s: 5e-5,
+            displacement_m: vec![0.0; 4000],
+            command_v: (0..4000).map(|k| 50.0 * (0.013 * f64::from(k)).sin()).collect(),
+            ..Log::default()
+        };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let hypothesis = Hypothesis::nominal(Freedom::Rest);
+        let z = bench.origin(&hypothesis);
+        let change = DVector::from_fn(z.len(), |i, _| if i % 2 == 0 { 1.5 } else { -1.0 });
+        let to: Vec<f64> = z.iter().zip(change.iter()).map(|(z, change)| z + change).collect();
+        let sums = |z: &[f64], sensitivities| evaluate(&bench, &hypothesis, z, sensitivities, &AtomicUsize::new(0));
+        for (sensitivities, thinned) in [(Sensitivities::All, false), (Sensitivities::Thinned, true)] {
+            let (here, there) = (sums(&z, sensitivities), sums(&to, Sensitivities::Carried { thinned }));
+            let units = DVector::from_fn(z.len(), |i, _| 1.0 + i as f64);
+            let carried = here.carried(&there, &change, &units).expect("sensitivities that were kept");
+            let back2_m2 = |from: &Normal| {
+                let Sums { products, gradient, thin, kept, .. } = &from.logs[0];
+                let of_rows = kept.iter().map(|kept| kept.residuals_m.norm_squared()).sum::<f64>() / *thin as f64;
+                of_rows + 2.0 * gradient.dot(&change) + change.dot(&(products * &change))
+            };
+            let is = here.logs[0].kept.iter().map(|kept| kept.residuals_m.norm_squared()).sum::<f64>();
+            let is_m2 = is / here.logs[0].thin as f64;
+            assert!((back2_m2(&carried) / is_m2 - 1.0).abs() < 1e-9, "{} {is_m2}", back2_m2(&carried));
+            // The ones from before are off by what the plant bends on the way.
+            let stale =
+                Normal { logs: vec![Sums { kept: there.logs[0].kept.clone(), ..here.logs[0].clone() }], ..here };
+            assert!((back2_m2(&stale) / is_m2 - 1.0).abs() > 1e-5, "{} {is_m2}", back2_m2(&stale));
+        }
     }
 
     /// What only the sensor makes of a displacement needs no plant of its own, and comes out the same to the last digit.
