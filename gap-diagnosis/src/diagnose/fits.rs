@@ -48,6 +48,8 @@ const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
 /// .. or this much, before either is tried in its other forms.
 const PAIR_NEARLY_TAKES: f64 = 0.3;
+/// So many pairs at most are tried in their other forms.
+const MOST_CHANGED: usize = 2;
 /// Single fits that leave less than this many times as much as the first may stand in its place beside the second; so many at most.
 const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
@@ -114,11 +116,11 @@ impl Fits<'_> {
                 }
                 beside.push(pair);
             }
-            let nearest = beside.iter_mut().min_by(|a, b| a.chi.total_cmp(&b.chi));
-            if let Some(nearest) = nearest.filter(|pair| taken(pair) > PAIR_NEARLY_TAKES) {
-                self.change_forms(nearest, leads, &seconds);
-                if self.is_found(nearest) {
-                    pairs.push(self.least(nearest.clone()));
+            beside.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+            for near in beside.iter_mut().take(MOST_CHANGED).filter(|pair| taken(pair) > PAIR_NEARLY_TAKES) {
+                self.change_forms(near, leads, &seconds);
+                if self.is_found(near) {
+                    pairs.push(self.least(near.clone()));
                     return pairs;
                 }
             }

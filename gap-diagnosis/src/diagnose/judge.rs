@@ -1,7 +1,7 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
 use super::bench::Freedom;
-use super::evidence::{Judged, probabilities, unknown_score};
+use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, probabilities, unknown_score};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
 use super::records::ROUGH;
@@ -28,6 +28,8 @@ const MUCH_BETTER: f64 = 0.7;
 const FREED_LEAST: f64 = 12.0;
 /// The same beside an effect that was fitted.
 pub(super) const FREED_BESIDES: f64 = 60.0;
+/// .. and beside one that is at the noise, if the other shifts are ordinary then: six sigma.
+const FREED_AT_NOISE: f64 = 36.0;
 /// The same beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
 /// less than this of the whole gap.
 const FREED_FIRST: f64 = 300.0;
@@ -254,7 +256,15 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
             freed(search, best).into_iter().partition(|freed| is_direction(freed.effect));
         explanations.extend(by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES));
         if left < FOUND {
-            explanations.extend(by_symmetry(others, best, left, floor, without, FREED_BESIDES));
+            let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
+            let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
+            let others: Vec<Freed> = others.into_iter().filter(is_believed).collect();
+            if others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
+                // Without it, the fit has to pay for shifts that no plant has.
+                let is_alone = |e: &&mut Explanation| e.freed.is_none() && e.judged.ids == best.hypothesis.ids();
+                explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
+            }
+            explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
         }
     }
     explanations.extend(by_symmetry(paying, &refit, rest, floor, without, least));
