@@ -84,16 +84,16 @@ pub fn descend(
     if bench.thinned.iter().any(Option::is_some) {
         phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));
     }
-    let mut normal = evaluate(bench, hypothesis, &z, Sensitivities::Thinned, simulations);
-    // Steps since sensitivities were taken.
-    let mut carried = 0;
+    // Sums with sensitivities, and the steps since these were taken.
+    let taken = |z: &[f64], sensitivities| (evaluate(bench, hypothesis, z, sensitivities, simulations), 0);
+    let (mut normal, mut carried) = taken(&z, Sensitivities::Thinned);
     for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
         let last = index + 1 >= stages.len();
         if sensitivities == Sensitivities::All {
             if is_beyond(&normal, FAR) {
                 break;
             }
-            (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0);
+            (normal, carried) = taken(&z, sensitivities);
         }
         let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
         // Where the start is what is to be found, nothing holds it.
@@ -110,7 +110,7 @@ pub fn descend(
                 if carried == 0 {
                     break;
                 }
-                (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0);
+                (normal, carried) = taken(&z, sensitivities);
                 continue;
             };
             z = step.z;
@@ -122,11 +122,12 @@ pub fn descend(
             };
             let is_over = gained <= before * tolerance && (carried == 0 || !last);
             let is_as_promised = step.cost < AS_PROMISED * step.promised;
-            let goes_on = gained > before * tolerance && carried + 1 < CARRIED && is_as_promised;
-            match step.carried.filter(|_| goes_on) {
-                Some(next) => (normal, carried) = (next, carried + 1),
-                None => (normal, carried) = (evaluate(bench, hypothesis, &z, sensitivities, simulations), 0),
-            }
+            let is_last_step = last && number + 1 == steps;
+            let goes_on = gained > before * tolerance && carried + 1 < CARRIED && is_as_promised && !is_last_step;
+            (normal, carried) = match step.carried.filter(|_| goes_on) {
+                Some(next) => (next, carried + 1),
+                None => taken(&z, sensitivities),
+            };
             if is_over {
                 break;
             }
