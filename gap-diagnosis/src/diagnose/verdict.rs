@@ -51,6 +51,12 @@ pub struct Class {
     pub reason: String,
 }
 
+impl Class {
+    fn holds(&self, ids: [&str; 2]) -> bool {
+        ids.into_iter().all(|id| self.members.iter().any(|member| member == id))
+    }
+}
+
 /// The explanation that is named, and the entries that these logs can't tell from it; none for `no_gap` and `unknown`.
 ///
 /// Explanations that these logs can't tell apart count together, and so do those that share an effect: the truth doesn't become less
@@ -67,7 +73,7 @@ pub(super) fn named<'c>(
         let shares = other.judged.ids.iter().any(|id| top.judged.ids.contains(id));
         shares
             || differing(&top.judged.ids, &other.judged.ids)
-                .is_some_and(|[a, b]| classes.iter().any(|c| [a, b].iter().all(|id| c.members.iter().any(|m| m == id))))
+                .is_some_and(|both| classes.iter().any(|class| class.holds(both)))
     });
     let together = top.probability + with.map(|other| other.probability).sum::<f64>();
     if together > course.unknown && together > course.no_gap {
@@ -163,7 +169,8 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
     let mut reasons = Vec::new();
     for other in &course.explanations {
         let Some([own, theirs]) = differing(&top.judged.ids, &other.judged.ids) else { continue };
-        if BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
+        let is_known = classes.iter().any(|class: &Class| class.holds([own, theirs]));
+        if is_known || BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
             continue;
         }
         let (left, their_left) = (top.judged.left, other.judged.left);
