@@ -3,15 +3,13 @@
 //! Exit codes: 2 for the call (also for an output that can't be written), 3 for a file. Lines are compared to the letter, because they
 //! are what a user has; `@/` stands for the test's folder.
 
-mod support;
-
+use crate::support::{Folder, PI1, PLANT, good_csv, hysteron, json, root, run, stderr, stdout, succeeded};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ffi::OsStr;
 use std::fs::{self, OpenOptions};
 use std::os::unix::ffi::OsStrExt;
 use std::process::{Command, Stdio};
-use support::{Folder, PI1, PLANT, good_csv, hysteron, json, root, run, stderr, stdout, succeeded};
 
 /// A folder with a good log, a plant and a controller to spoil, and outputs of an earlier run.
 struct Bench {
@@ -421,7 +419,7 @@ fn a_delay_in_a_file_may_be_any_number() {
     bench.folder.write("late.csv", format!("# latency_us: 1e300\n{}", good_csv(40)));
     let output = run(&bench.folder, &format!("replay --plant {PLANT} @/late.csv --initial relaxed --out @/late_p.csv"));
     succeeded(&output);
-    assert!(support::column(&bench.folder.read("late_p.csv"), "predicted_um").iter().all(|y| *y == 0.0));
+    assert!(crate::support::column(&bench.folder.read("late_p.csv"), "predicted_um").iter().all(|y| *y == 0.0));
     bench.folder.write("late.toml", format!("{}\n[drive]\ndelay_us = {{ value = 1e12 }}\n", bench.plant));
     let output = run(&bench.folder, "replay --plant @/late.toml @/good.csv --initial relaxed --out @/late_p.csv");
     assert!(stderr(&output).contains("drive.delay_us = 1e12 is outside"), "{}", stderr(&output));

@@ -1,7 +1,6 @@
 //! What the limited controllers promise on the thesis' bender at the boards' rates, and what simulate writes and replay reads.
 
-mod support;
-
+use crate::support::{Folder, PI1, PLANT, column, json, number, root, run, stderr, stdout, succeeded};
 use control_core::Limits;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::{Program, Recording, Setup, closed_loop};
@@ -10,7 +9,6 @@ use plant_sim::model::Model;
 use plant_sim::replay::{Start, predict};
 use plant_sim::spec::Spec;
 use std::fs;
-use support::{Folder, PI1, PLANT, column, json, number, root, run, stderr, stdout, succeeded};
 
 const PI2: &str = "controllers/pi2.toml";
 

@@ -1,9 +1,7 @@
 //! `hysteron identify` of every kind, and `--compare`, as a user meets them.
 
-mod support;
-
+use crate::support::{Folder, PLANT, json, run, stderr, stdout, succeeded};
 use plant_sim::model::{Kind, Model};
-use support::{Folder, PLANT, json, run, stderr, stdout, succeeded};
 
 /// A log made by `simulate`.
 fn made(folder: &Folder, plant: &str, spec: &str, name: &str) {

@@ -1,9 +1,7 @@
 //! `hysteron` alone: the seal is printed before the diagnosis and opened after it, and the report comes last.
 
-mod support;
-
+use crate::support::{hysteron, stdout, succeeded};
 use std::path::Path;
-use support::{hysteron, stdout, succeeded};
 
 #[test]
 fn the_seal_comes_first_and_the_report_last() {

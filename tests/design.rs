@@ -1,8 +1,6 @@
 //! `hysteron design`, its check and `hysteron reproduce`, as a user meets them.
 
-mod support;
-
-use support::{Folder, PI1, PLANT, json, number, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PI1, PLANT, json, number, run, stderr, stdout, succeeded};
 
 const WISH: &str = "--rate 40000 --settle-ms 5 --overshoot 2 --gain-margin-db 6 --no-page --json";
 

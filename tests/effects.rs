@@ -1,10 +1,8 @@
 //! `hysteron effects` and plants that carry effects, as a user meets them.
 
-mod support;
-
+use crate::support::{Folder, PLANT, json, number, root, run, stderr, stdout, succeeded};
 use plant_sim::effects::REGISTRY;
 use std::fs;
-use support::{Folder, PLANT, json, number, root, run, stderr, stdout, succeeded};
 
 /// What a call that must not fail prints.
 fn said(folder: &Folder, call: &str) -> String {

@@ -1,8 +1,6 @@
 //! `hysteron export` from the command line: another kind of file, the same log.
 
-mod support;
-
-use support::{Folder, PLANT, good_csv, json, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PLANT, good_csv, json, run, stderr, stdout, succeeded};
 
 #[test]
 fn every_kind_is_the_same_log_to_what_reads_it() {

@@ -2,15 +2,13 @@
 //!
 //! `cargo xtask long` does the same with 2 GB.
 
-mod support;
-
+use crate::support::{Folder, PLANT, root};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use support::{Folder, PLANT, root};
 
 /// Rows of the shorter log: more than replay keeps for the fit of the start (200 000) or for the page (400 000).
 const ROWS: usize = 500_000;

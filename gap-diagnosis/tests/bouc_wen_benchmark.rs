@@ -3,15 +3,13 @@
 //! Force in, displacement out, 750 Hz, band-limited between samples. The search starts from the linear baseline that comes with the data (2 kg,
 //! 10 N s/m, 50 kN/m) and from a hysteresis of that stiffness whose loops bend over the data's own displacement.
 
-mod shared_data;
-
+use crate::shared_data::bouc_wen::{FITTED, PERIOD, RATE_HZ, RUN_IN, log, start};
 use gap_diagnosis::identify::{From, Options, identify};
 use plant_sim::chain::Sensor;
 use plant_sim::log::Log;
 use plant_sim::metrics::rms;
 use plant_sim::model::Model;
 use plant_sim::replay::{Initial, Start, predict};
-use shared_data::bouc_wen::{FITTED, PERIOD, RATE_HZ, RUN_IN, log, start};
 
 /// Rms error over the last `scored` rows.
 fn error(model: &Model, log: &Log, scored: usize) -> f64 {
@@ -26,7 +24,8 @@ fn error(model: &Model, log: &Log, scored: usize) -> f64 {
 fn the_grey_box_knows_the_oscillator() {
     let names =
         ["uest_multisine", "yest_multisine", "uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep"];
-    let Some(data) = names.iter().map(|name| shared_data::bouc_wen_record(name)).collect::<Option<Vec<_>>>() else {
+    let Some(data) = names.iter().map(|name| crate::shared_data::bouc_wen_record(name)).collect::<Option<Vec<_>>>()
+    else {
         return;
     };
     // The estimation data are four periods of a steady state with noise: their mean has half of it. A tenth of a period settles from rest.

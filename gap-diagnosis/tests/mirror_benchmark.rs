@@ -1,14 +1,12 @@
 //! The CubeSpec fine steering mirror (Floren et al. 2024, measured): response of one axis pair at three drive levels, distortion told from
 //! noise, and the resonance that falls with the level.
 
-mod shared_data;
-
 use gap_diagnosis::spectra::{Mimo, mimo, peak_hz};
 
 const RATE_HZ: f64 = 6400.0;
 
 fn level(millivolts: u32) -> Option<Mimo> {
-    let of = |signal: &str| shared_data::mirror(&format!("{signal}_{millivolts}mV_train"));
+    let of = |signal: &str| crate::shared_data::mirror(&format!("{signal}_{millivolts}mV_train"));
     let (u, y) = (of("u")?, of("y")?);
     Some(mimo(&u, &y, RATE_HZ, 1500.0).expect("six realisations of three inputs"))
 }

@@ -1,8 +1,6 @@
 //! Whole pages: they fetch nothing, escape what they are given, carry their data and stay small.
 
-mod common;
-
-use common::{HOSTILE, assert_fetches_nothing, drawings};
+use crate::common::{HOSTILE, assert_fetches_nothing, drawings};
 use gap_diagnosis::page::{
     Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series, Share, SimulationView,
     StartView, identify_page, replay_page, simulation_page,

@@ -2,9 +2,7 @@
 //!
 //! Needs chromium. Where there is none the test says "not run" and passes: the other page tests need no browser.
 
-mod common;
-
-use common::{HOSTILE, attribute, dom_after};
+use crate::common::{HOSTILE, attribute, dom_after};
 use gap_diagnosis::page::{Axis, Chart, Ink, Loop, Page, ReplayView, Series, Share, SpectrumView, replay_page};
 
 #[test]

@@ -1,8 +1,6 @@
 //! The diagnosis page: it shows all it is given, escapes it, fetches nothing, stays below 3 MB, and draws in a real browser.
 
-mod common;
-
-use common::{HOSTILE, assert_fetches_nothing, dom_after, drawings};
+use crate::common::{HOSTILE, assert_fetches_nothing, attribute, dom_after, drawings};
 use gap_diagnosis::locate::{Trace, Where, locate};
 use gap_diagnosis::page::{
     Axis, BarItem, BarList, ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView,
@@ -234,6 +232,6 @@ fn the_browser_draws_it_without_a_word_and_without_sideways_scrolling() {
         let Some(dom) = dom_after("diagnosis-narrow", &page, width, script) else {
             return;
         };
-        assert_eq!(common::attribute(&dom, "data-heard"), format!("{width} wide, 0 over"));
+        assert_eq!(attribute(&dom, "data-heard"), format!("{width} wide, 0 over"));
     }
 }

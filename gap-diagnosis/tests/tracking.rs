@@ -1,8 +1,6 @@
 //! What design, inverse and diagnosis are worth in tracking, together.
 
-mod tracking_table;
-
-use tracking_table::table;
+use crate::tracking_table::table;
 
 /// Aims at 1, 10, 50, 100 and 150 Hz, percent of 80 um.
 const AIM: [f64; 5] = [0.1, 0.3, 1.0, 2.0, 3.0];

@@ -51,12 +51,14 @@ pub fn run(project: &Project) -> Result<Outcome> {
     let list = ["-c", "safe.directory=*", "ls-files", "-z", "--cached", "--others"];
     let names =
         output(project.command("git").args(list).arg("--exclude-standard")).context("tidy needs git and a checkout")?;
-    let mut wrong = Vec::new();
+    // What was deleted is still listed until it is committed.
+    let names: Vec<&str> = names.split_terminator('\0').filter(|name| project.root.join(name).is_file()).collect();
+    let mut wrong = left_out(&names, |name| fs::read_to_string(project.root.join(name)).unwrap_or_default());
     let mut n_files = 0;
-    for name in names.split_terminator('\0') {
+    for name in names {
         let path = project.root.join(name);
-        // Deleted but not yet committed, or a link to somewhere else.
-        if !path.is_file() || path.is_symlink() {
+        // A link to somewhere else.
+        if path.is_symlink() {
             continue;
         }
         let bytes = fs::read(&path).with_context(|| format!("reading {name}"))?;
@@ -70,6 +72,24 @@ pub fn run(project: &Project) -> Result<Outcome> {
     }
     println!("tidy: {n_files} files in order");
     Ok(Outcome::Passed)
+}
+
+/// Files beside a `tests/suite.rs` that neither it nor the package's manifest names: cargo would pass over them in silence.
+fn left_out(names: &[&str], read: impl Fn(&str) -> String) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for package in names.iter().filter_map(|name| name.strip_suffix("tests/suite.rs")) {
+        let folder = format!("{package}tests/");
+        let named = read(&format!("{folder}suite.rs")) + &read(&format!("{package}Cargo.toml"));
+        for name in names {
+            let Some(file) = name.strip_prefix(&folder).and_then(|file| file.strip_suffix(".rs")) else { continue };
+            let test = file.trim_end_matches("/mod").trim_end_matches("/main");
+            let is_named = ["mod {};", "name = \"{}\""].iter().any(|line| named.contains(&line.replace("{}", test)));
+            if test != "suite" && !test.contains('/') && !is_named {
+                wrong.push(format!("{name}: not in {folder}suite.rs, so that it never runs"));
+            }
+        }
+    }
+    wrong
 }
 
 fn check(name: &str, bytes: &[u8]) -> Vec<String> {
@@ -189,6 +209,25 @@ mod tests {
     fn rust_opens_with_what_it_is_and_stays_readable() {
         one("a.rs", "fn f() {}\n", "does not open with");
         one("a.rs", &format!("//! X.\n{}", "fn f() {}\n".repeat(MAX_RUST_LINES)), "801 lines");
+    }
+
+    #[test]
+    fn a_test_that_no_suite_names_is_found() {
+        let read = |name: &str| match name {
+            "a/tests/suite.rs" => "mod chain;\nmod parts;\n".to_owned(),
+            "a/Cargo.toml" => "[[test]]\nname = \"alone\"\n".to_owned(),
+            _ => String::new(),
+        };
+        let named = [
+            "a/tests/suite.rs",
+            "a/tests/chain.rs",
+            "a/tests/parts/mod.rs",
+            "a/tests/parts/rival.rs",
+            "a/tests/alone.rs",
+        ];
+        assert_eq!(left_out(&[&named[..], &["b/tests/any.rs"]].concat(), read), [""; 0]);
+        let wrong = left_out(&[&named[..], &["a/tests/new.rs", "a/tests/page/main.rs"]].concat(), read);
+        assert!(wrong.len() == 2 && wrong[0].starts_with("a/tests/new.rs") && wrong[1].contains("page"), "{wrong:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Errors against Runge-Kutta. Each line of a table holds the bound in nm, twice what was measured and rounded up; the lower half of the
 //! check (a hundredth of it, for what is not exact) says that the rival is a rival and the part is there.
 
-use crate::rival::{bender, chain, distance, held, lively, ours, rival, slow_sine, with_drive, with_force};
+use super::rival::{bender, chain, distance, held, lively, ours, rival, slow_sine, with_drive, with_force};
 use plant_sim::chain::{
     Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Shake, Warming,
 };

@@ -1,6 +1,6 @@
 //! Power balance of chains with physical parts: stored + dissipated = supplied.
 
-use crate::rival::{SAMPLE_S, chain, lively, with_force};
+use super::rival::{SAMPLE_S, chain, lively, with_force};
 use plant_sim::chain::power::{dissipated_w, stored_j};
 use plant_sim::chain::{Bend, BendLaw, Chain, Force, Held, Joint, Mode, Parts, Simulator};
 

@@ -1,6 +1,6 @@
 //! Central differences by each part's parameter with relative steps of 1e-4 and 1e-3: a search uses them.
 
-use crate::rival::{chain, lively, ours, with_drive, with_force};
+use super::rival::{chain, lively, ours, with_drive, with_force};
 use plant_sim::chain::{Bend, BendLaw, Chain, Drive, Force, Lag, Parts};
 
 /// Measured: at most 0.6 % apart (the exponent of a power law); smooth laws agree to 1e-4.

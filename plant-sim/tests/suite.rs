@@ -1,0 +1,19 @@
+//! Tests that may run side by side, as one program: one for each file would take a minute more to build, and a slow test would hold up
+//! all files after it.
+
+mod chain;
+mod design;
+mod effects;
+mod energy;
+mod exact;
+mod kinds;
+mod log_bad_input;
+mod log_round_trip;
+mod margins;
+mod metrics;
+mod model;
+mod operators;
+mod parts;
+mod phs;
+mod spec;
+mod stability;
