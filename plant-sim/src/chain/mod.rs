@@ -94,7 +94,6 @@ impl Held {
 /// A chain in motion at a fixed sample rate.
 pub struct Simulator {
     plant: Phs,
-    output: Output,
     stepper: Box<dyn Stepper>,
     readout: Readout,
     modes: Vec<Mode>,
@@ -125,15 +124,15 @@ struct Instead {
 /// How a sample is stepped through.
 enum Pace {
     /// Whole, or in the two parts that a fractional delay makes: what the drive holds is constant, or a line.
-    Exact(Queue),
+    Exact(Box<Queue>),
     /// In equal sub-steps: the drive's output changes meanwhile, or laws act that are not affine.
-    Fine(Fine),
+    Fine(Box<Fine>),
 }
 
 /// Sub-steps of a sample.
 struct Fine {
-    waveform: Box<Waveform>,
-    laws: Option<Box<Laws>>,
+    waveform: Waveform,
+    laws: Option<Laws>,
     count: usize,
     /// So many make a step that is short enough where no law is at work; one if that is never told.
     long: usize,
@@ -141,6 +140,7 @@ struct Fine {
 
 /// Commands on their way to a drive without memory.
 struct Queue {
+    output: Output,
     /// The oldest (acting) one first.
     pending: VecDeque<Held>,
     /// What is held until the first command arrives, and how many samples ahead of `pending` it stands in the queue. Counted and not
@@ -196,14 +196,13 @@ impl Simulator {
                 if parts.need_substeps() { substep::substeps(&chain.plant, parts, stroke_m, sample_s) } else { [1; 2] };
             // Where something else pulls beside the drive it is not known how much before the step.
             let long = if parts.shakes.is_empty() && parts.transducer.is_none() { count / idle } else { 1 };
-            let laws =
-                parts.need_substeps().then(|| Box::new(Laws::new(&chain.plant, parts, &modes, dynamics.states())));
-            let waveform = Box::new(Waveform::new(&chain.drive, sample_s, delay_s));
+            let laws = parts.need_substeps().then(|| Laws::new(&chain.plant, parts, &modes, dynamics.states()));
+            let waveform = Waveform::new(&chain.drive, sample_s, delay_s);
             let durations_s = [count, idle].map(|count| sample_s / count as f64);
             let spans = if long > 1 { Spans::two(durations_s) } else { Spans::whole(durations_s[0]) };
-            (Pace::Fine(Fine { waveform, laws, count, long }), spans)
+            (Pace::Fine(Box::new(Fine { waveform, laws, count, long })), spans)
         } else {
-            let queue = Queue::new(delay_s / sample_s, sample_s);
+            let queue = Box::new(Queue::new(&chain.drive, delay_s / sample_s, sample_s));
             let fraction_s = queue.fraction_s;
             let spans = if fraction_s > 0.0 { Spans::split(sample_s, fraction_s) } else { Spans::whole(sample_s) };
             (Pace::Exact(queue), spans)
@@ -218,7 +217,6 @@ impl Simulator {
         });
         Self {
             plant: chain.plant.clone(),
-            output: Output::new(&chain.drive),
             stepper: stepper(&dynamics, spans),
             readout: Readout::new(&chain.sensor, parts, sample_s, lag.is_some()),
             outside: outside.collect(),
@@ -245,15 +243,15 @@ impl Simulator {
             return;
         }
         self.readout.hold(share);
-        if let Pace::Fine(Fine { laws: Some(laws), .. }) = &mut self.pace {
-            laws.hold(share);
+        if let Pace::Fine(fine) = &mut self.pace {
+            fine.laws.iter_mut().for_each(|laws| laws.hold(share));
         }
     }
 
     /// Starts from `state` with `drive_v` held ever before.
     pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
         let mut packed = pack(state);
-        let held_v = self.output.at_v(drive_v);
+        let held_v = self.pace.rest_on(drive_v);
         // Oscillators begin at rest: attached ones where the mass is, parallel ones where the held force has brought them.
         for mode in &self.modes {
             packed.extend(match mode.joint {
@@ -289,10 +287,6 @@ impl Simulator {
         for (compliance_m_per_n, mode) in &mut self.outside {
             mode.set_state(&[*compliance_m_per_n * held_n, 0.0]);
         }
-        match &mut self.pace {
-            Pace::Exact(queue) => queue.before = Held::zero_order(drive_v),
-            Pace::Fine(fine) => fine.waveform.rest_on(drive_v),
-        }
         self.acting_v = held_v;
         if let Some(heat) = &mut self.heat {
             heat.last_v = held_v;
@@ -310,8 +304,8 @@ impl Simulator {
         let first_mode = self.plant.hysterons.len() + 2;
         let modes = self.modes.iter().enumerate().filter(|(_, mode)| matches!(mode.joint, Joint::Attached { .. }));
         let slid = match &self.pace {
-            Pace::Fine(Fine { laws: Some(laws), .. }) => laws.slid().to_vec(),
-            _ => Vec::new(),
+            Pace::Fine(fine) => fine.laws.as_ref().map_or(Vec::new(), |laws| laws.slid().to_vec()),
+            Pace::Exact(_) => Vec::new(),
         };
         power::Snapshot {
             plant: self.state(),
@@ -361,16 +355,9 @@ impl Simulator {
         let shaking = &self.shaking;
         let sample_start_s = self.readout.time_s();
         self.acting_v = match &mut self.pace {
-            Pace::Exact(queue) => queue.advance(
-                stepper,
-                transducer,
-                shaking,
-                &self.output,
-                [sample_start_s, self.sample_s],
-                command,
-                alpha,
-                force_n,
-            ),
+            Pace::Exact(queue) => {
+                queue.advance(stepper, transducer, shaking, [sample_start_s, self.sample_s], command, alpha, force_n)
+            }
             Pace::Fine(fine) => {
                 fine.waveform.push(command);
                 let short_s = self.sample_s / fine.count as f64;
@@ -415,6 +402,22 @@ impl Simulator {
     }
 }
 
+impl Pace {
+    /// `drive_v` has been commanded ever before; returns the volts that it holds the actuator at.
+    fn rest_on(&mut self, drive_v: f64) -> f64 {
+        match self {
+            Pace::Exact(queue) => {
+                queue.before = Held::zero_order(drive_v);
+                queue.output.at_v(drive_v)
+            }
+            Pace::Fine(fine) => {
+                fine.waveform.rest_on(drive_v);
+                fine.waveform.now_v()
+            }
+        }
+    }
+}
+
 impl Fine {
     /// The laws' constant force against the motion over the long step that begins with sub-step `index`, if none is at work there.
     fn idle_n(&mut self, index: usize, short_s: f64, state: &[f64], alpha: f64, force_n: f64) -> Option<f64> {
@@ -427,7 +430,7 @@ impl Fine {
 
 impl Queue {
     /// A queue `delay` samples long.
-    fn new(delay: f64, sample_s: f64) -> Self {
+    fn new(drive: &Drive, delay: f64, sample_s: f64) -> Self {
         let mut whole = delay.floor();
         let mut fraction = delay - whole;
         if fraction > 1.0 - WHOLE {
@@ -437,6 +440,7 @@ impl Queue {
             fraction = 0.0;
         }
         Self {
+            output: Output::new(drive),
             pending: VecDeque::new(),
             before: Held::zero_order(0.0),
             before_samples: whole + if fraction > 0.0 { 1.0 } else { 0.0 },
@@ -452,7 +456,6 @@ impl Queue {
         stepper: &mut dyn Stepper,
         transducer: &mut Option<Transducer>,
         shaking: &Shaking,
-        output: &Output,
         [sample_start_s, sample_s]: [f64; 2],
         command: Held,
         alpha: f64,
@@ -460,6 +463,7 @@ impl Queue {
     ) -> f64 {
         self.pending.push_back(command);
         let acting = self.take_oldest();
+        let output = &self.output;
         let mut push = |span: usize, held: Held, age_s: f64, [from_s, duration_s]: [f64; 2]| {
             let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
             if transducer.is_some() || !shaking.is_empty() {

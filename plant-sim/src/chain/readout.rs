@@ -16,15 +16,22 @@ pub(super) struct Readout {
     behind_m: f64,
     behind_m_per_s: f64,
     lag: LagState,
-    creep: Vec<Relaxation>,
-    /// Share of the way to the displacement that each element of the creep goes in a sample, and the one that a joint with drag does.
-    creeps: Vec<f64>,
+    creep: Vec<Creep>,
+    /// Share of the way to the displacement that a joint with drag goes in a sample.
     drags: f64,
-    /// What each element of the creep has relaxed to, metres.
-    relaxed_m: Vec<f64>,
     arms: Vec<(Arm, LagState)>,
     /// Displacement and velocity of the structure at this sample.
     structure: [f64; 2],
+}
+
+/// An element of the creep.
+struct Creep {
+    /// Share of the displacement that it adds in the end.
+    share: f64,
+    /// Share of the way to the displacement that it goes in a sample.
+    creeps: f64,
+    /// Where it has relaxed to.
+    relaxed_m: f64,
 }
 
 impl Readout {
@@ -32,6 +39,11 @@ impl Readout {
     pub(super) fn new(sensor: &Sensor, parts: &Parts, sample_s: f64, lagged: bool) -> Self {
         let lag = if lagged { None } else { sensor.lag };
         let of_sample = |time_constant_s: f64| -(-sample_s / time_constant_s).exp_m1();
+        let creep = |element: &Relaxation| Creep {
+            share: element.share,
+            creeps: of_sample(element.time_constant_s),
+            relaxed_m: 0.0,
+        };
         Self {
             sensor: Sensor { lag, ..sensor.clone() },
             is_affine: sensor.is_affine(),
@@ -40,10 +52,8 @@ impl Readout {
             behind_m: 0.0,
             behind_m_per_s: 0.0,
             lag: LagState::default(),
-            creep: parts.creep.clone(),
-            creeps: parts.creep.iter().map(|element| of_sample(element.time_constant_s)).collect(),
+            creep: parts.creep.iter().map(creep).collect(),
             drags: of_sample(sensor.drag_s),
-            relaxed_m: vec![0.0; parts.creep.len()],
             arms: parts.arms.iter().map(|arm| (*arm, LagState::default())).collect(),
             structure: [0.0; 2],
         }
@@ -51,7 +61,7 @@ impl Readout {
 
     /// At rest at `displacement_m`, at the middle of the play.
     pub(super) fn rest_at(&mut self, displacement_m: f64) {
-        self.relaxed_m.fill(displacement_m);
+        self.creep.iter_mut().for_each(|element| element.relaxed_m = displacement_m);
         self.structure = [displacement_m, 0.0];
         self.arms.iter_mut().for_each(|(_, follower)| *follower = LagState::at(displacement_m));
         let seen_m = self.seen_m();
@@ -95,8 +105,8 @@ impl Readout {
     fn follow(&mut self, displacement_m: f64, velocity_m_per_s: f64) -> f64 {
         let [from_m, from_m_per_s] = self.structure;
         let mean_m = 0.5 * (from_m + displacement_m);
-        for (creeps, relaxed_m) in self.creeps.iter().zip(&mut self.relaxed_m) {
-            *relaxed_m += creeps * (mean_m - *relaxed_m);
+        for element in &mut self.creep {
+            element.relaxed_m += element.creeps * (mean_m - element.relaxed_m);
         }
         let path = hermite([from_m, from_m_per_s], [displacement_m, velocity_m_per_s], self.sample_s);
         for (arm, follower) in &mut self.arms {
@@ -113,7 +123,7 @@ impl Readout {
 
     fn seen_m(&self) -> f64 {
         let q = self.structure[0];
-        let crept: f64 = self.creep.iter().zip(&self.relaxed_m).map(|(c, relaxed_m)| c.share * relaxed_m).sum();
+        let crept: f64 = self.creep.iter().map(|element| element.share * element.relaxed_m).sum();
         let swing = |(arm, follower): &(Arm, LagState)| {
             let rate_m = follower.slope() / (std::f64::consts::TAU * arm.hz);
             arm.share * (follower.value() - q) + arm.rate_share * rate_m
