@@ -99,13 +99,13 @@ pub fn descend(
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
         let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules, &start) };
+        let problem = Problem { bench, hypothesis, rules: &rules, sensitivities, simulations };
         for number in 0..steps {
             if last && number >= FIRST_STEPS && normal.cost(&noise) > to_beat {
                 break;
             }
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
-            let problem = Problem { bench, hypothesis, rules: &rules, sensitivities, simulations };
             let Some(step) = problem.step(&z, &normal, &weights, before, carried == 0) else {
                 if carried == 0 {
                     break;
@@ -120,11 +120,13 @@ pub fn descend(
                 true if is_beyond(&step.there, NOT_NEAR) => MIDDLING,
                 _ => tolerance,
             };
-            let is_over = gained <= before * tolerance && (carried == 0 || !last);
-            let is_as_promised = step.cost < AS_PROMISED * step.promised;
+            let gains_little = gained <= before * tolerance;
+            let is_over = gains_little && (carried == 0 || !last);
+            // Nothing ends on sensitivities that were carried on.
             let is_last_step = last && number + 1 == steps;
-            let goes_on = gained > before * tolerance && carried + 1 < CARRIED && is_as_promised && !is_last_step;
-            (normal, carried) = match step.carried.filter(|_| goes_on) {
+            let is_as_promised = step.cost < AS_PROMISED * step.promised;
+            let may_carry = is_as_promised && carried + 1 < CARRIED && !gains_little && !is_last_step;
+            (normal, carried) = match step.carried.filter(|_| may_carry) {
                 Some(next) => (next, carried + 1),
                 None => taken(&z, sensitivities),
             };

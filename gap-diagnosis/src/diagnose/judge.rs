@@ -1,7 +1,7 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
 use super::bench::Freedom;
-use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, probabilities, unknown_score};
+use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities, unknown_score};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
 use super::records::ROUGH;
@@ -180,7 +180,13 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
 }
 
 pub(super) fn has_gap(refit: &Candidate) -> bool {
-    refit.chi - 1.0 > LEAST_GAP.powi(2) || refit.worst_chi - 1.0 > LEAST_GAP_OF_LOG.powi(2)
+    gap_over_least(refit) > 1.0
+}
+
+/// Gap that `refit` leaves, as amplitude, over the least to speak of.
+fn gap_over_least(refit: &Candidate) -> f64 {
+    let gap = |chi: f64| (chi - 1.0).max(0.0).sqrt();
+    (gap(refit.chi) / LEAST_GAP).max(gap(refit.worst_chi) / LEAST_GAP_OF_LOG)
 }
 
 /// Explains what `refit` leaves.
@@ -269,7 +275,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     }
     explanations.extend(by_symmetry(paying, &refit, rest, floor, without, least));
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
-    let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score();
+    // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
+    let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score() - SHARPNESS * gap_over_least(&refit).ln();
     scores.extend([nothing, unknown_score()]);
     judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores)
 }
