@@ -3,7 +3,7 @@
 //! Exit codes: 2 for the call (also for an output that can't be written), 3 for a file. Lines are compared to the letter, because they
 //! are what a user has; `@/` stands for the test's folder.
 
-use crate::support::{Folder, PI1, PLANT, good_csv, hysteron, json, root, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PI1, PLANT, column, good_csv, hysteron, json, root, run, stderr, stdout, succeeded};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ffi::OsStr;
@@ -419,7 +419,7 @@ fn a_delay_in_a_file_may_be_any_number() {
     bench.folder.write("late.csv", format!("# latency_us: 1e300\n{}", good_csv(40)));
     let output = run(&bench.folder, &format!("replay --plant {PLANT} @/late.csv --initial relaxed --out @/late_p.csv"));
     succeeded(&output);
-    assert!(crate::support::column(&bench.folder.read("late_p.csv"), "predicted_um").iter().all(|y| *y == 0.0));
+    assert!(column(&bench.folder.read("late_p.csv"), "predicted_um").iter().all(|y| *y == 0.0));
     bench.folder.write("late.toml", format!("{}\n[drive]\ndelay_us = {{ value = 1e12 }}\n", bench.plant));
     let output = run(&bench.folder, "replay --plant @/late.toml @/good.csv --initial relaxed --out @/late_p.csv");
     assert!(stderr(&output).contains("drive.delay_us = 1e12 is outside"), "{}", stderr(&output));

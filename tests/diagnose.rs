@@ -1,6 +1,6 @@
 //! `hysteron diagnose` as a user meets it: made cases whose truth is known, the contract's keys, and inputs that can't be used.
 
-use crate::support::{Folder, PLANT, column, good_csv, json, number, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PLANT, column, good_csv, json, number, root, run, stderr, stdout, succeeded};
 use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
 use serde_json::Value;
 
@@ -238,7 +238,7 @@ fn what_the_plant_file_leaves_open_is_no_gap() {
 fn the_error_of_a_loop_is_predicted_with_both_plants() {
     let folder = Folder::new("diagnose-loop");
     let case = of(EffectId::Creep);
-    let controller = crate::support::root().join("controllers/pi2.toml");
+    let controller = root().join("controllers/pi2.toml");
     let line = call(&folder, &case, &["steps", "hold"]);
     succeeded(&run(
         &folder,
@@ -284,7 +284,7 @@ fn a_noisy_sensor_is_told_from_its_data_sheet() {
 #[test]
 fn a_linear_plant_is_diagnosed_too() {
     let folder = Folder::new("diagnose-linear");
-    let plant = std::fs::read_to_string(crate::support::root().join(PLANT)).expect("the thesis' plant");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("the thesis' plant");
     let (before, after) = (plant.find("[[actuator.hysteron]]"), plant.find("[structure]"));
     let linear = format!("{}{}", &plant[..before.expect("hysterons")], &plant[after.expect("a structure")..]);
     folder.write("linear.toml", &linear);

@@ -109,7 +109,8 @@ pub fn fuzz(project: &Project, seconds: u32, seed: Option<u32>) -> Result<Outcom
     println!("fuzz: {seconds} s from seed {seed}");
     let mut command = project.cargo();
     command.env("HYSTERON_FUZZ_SECONDS", seconds.to_string()).env("HYSTERON_FUZZ_SEED", seed.to_string());
-    run_tests(command.args(["test", "--locked", "-p", "hil-bridge", "--test", "fuzz", "--", "--nocapture"]))
+    // As all tests are built: of one package alone, the features of what it stands on would be others, and all of it built again.
+    run_tests(command.args(["test", "--workspace", "--locked", "--test", "fuzz", "--", "--nocapture"]))
 }
 
 /// Runs a test command, passes its output on and repeats the closing lines; `long` uses it too.

@@ -51,17 +51,16 @@ pub fn run(project: &Project) -> Result<Outcome> {
     let list = ["-c", "safe.directory=*", "ls-files", "-z", "--cached", "--others"];
     let names =
         output(project.command("git").args(list).arg("--exclude-standard")).context("tidy needs git and a checkout")?;
-    // What was deleted is still listed until it is committed.
-    let names: Vec<&str> = names.split_terminator('\0').filter(|name| project.root.join(name).is_file()).collect();
+    // What was deleted is still listed until it is committed; a link leads somewhere else.
+    let is_own = |name: &&str| {
+        let path = project.root.join(name);
+        path.is_file() && !path.is_symlink()
+    };
+    let names: Vec<&str> = names.split_terminator('\0').filter(is_own).collect();
     let mut wrong = left_out(&names, |name| fs::read_to_string(project.root.join(name)).unwrap_or_default());
     let mut n_files = 0;
     for name in names {
-        let path = project.root.join(name);
-        // A link to somewhere else.
-        if path.is_symlink() {
-            continue;
-        }
-        let bytes = fs::read(&path).with_context(|| format!("reading {name}"))?;
+        let bytes = fs::read(project.root.join(name)).with_context(|| format!("reading {name}"))?;
         n_files += 1;
         wrong.extend(check(name, &bytes));
     }

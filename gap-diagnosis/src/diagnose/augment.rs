@@ -120,15 +120,9 @@ pub(super) fn augment(
 }
 
 impl Augmented {
-    /// Mean square that the uncertainty of all shared numbers, and of the logs' starts, most likely makes on the held-out rows that are scored,
-    /// metres squared: the median, because a few undetermined numbers make most of it and may as well be right.
+    /// Mean square that the uncertainty of all shared numbers most likely makes on the held-out rows that are scored, metres squared: the
+    /// median, because a few undetermined numbers make most of it and may as well be right.
     pub fn spread2_m2(&self, benches: &Benches<'_>) -> f64 {
-        let of_starts2 = benches.start_spread2_m2(&self.variant);
-        MEDIAN_OF_SQUARE * (of_starts2 + self.number_spread2_m2(benches))
-    }
-
-    /// That of the shared numbers, one sigma along each axis of their covariance.
-    fn number_spread2_m2(&self, benches: &Benches<'_>) -> f64 {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
         let covariance = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
@@ -139,7 +133,7 @@ impl Augmented {
             variant.z.iter_mut().zip(direction.iter()).for_each(|(z, along)| *z += variance.sqrt() * along);
             benches.mean_square_apart_m2(&played, &benches.play_held(&variant))
         });
-        moved.sum()
+        MEDIAN_OF_SQUARE * moved.sum::<f64>()
     }
 
     /// The number that is wrong, for `parameter_error`.

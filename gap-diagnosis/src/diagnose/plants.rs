@@ -2,7 +2,7 @@
 //!
 //! A log that no fit has seen gives one thing away: its start, from its first stretch, which is then not scored.
 
-use super::bench::{Bench, Freedom, Hypothesis, Installed, Record, Rule, add_priors};
+use super::bench::{Bench, Freedom, Hypothesis, Installed, Record, add_priors};
 use super::normal::reader;
 use super::records::record;
 use nalgebra::{DMatrix, DVector};
@@ -89,48 +89,14 @@ impl Benches<'_> {
     /// Mean square of the difference of two predictions for the held-out logs, on the rows that are scored.
     pub fn mean_square_apart_m2(&self, one: &[Played], other: &[Played]) -> f64 {
         let records = self.held.iter().flat_map(|held| &held.records);
-        let apart2 = records.zip(one.iter().zip(other)).map(|(record, (one, other))| apart2_m2(record, one, other));
-        apart2.sum::<f64>() / self.rows_scored()
+        let (mut rows, mut sum) = (0usize, 0.0);
+        for (record, (one, other)) in records.zip(one.iter().zip(other)) {
+            let from = scored_from(record);
+            rows += one.len() - from;
+            sum += one[from..].iter().zip(&other[from..]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        }
+        sum / rows.max(1) as f64
     }
-
-    /// The same of what `variant` predicts and what it would from every other start that the first stretches leave open, by one sigma along
-    /// each of their axes; all axes together.
-    pub fn start_spread2_m2(&self, variant: &Variant) -> f64 {
-        let Some(held) = &self.held else { return 0.0 };
-        let hypothesis = &variant.hypothesis;
-        let z = carry(&self.fitted, hypothesis, &variant.z, held, hypothesis, false);
-        let one = |index: usize| {
-            let mut z = z.clone();
-            settle(held, hypothesis, &mut z, index);
-            let beginning = Beginning::of(held, hypothesis, index);
-            let (information, _) = beginning.assemble(&z, &beginning.residuals(&z));
-            let Some(known) = information.cholesky().filter(|_| !beginning.rules.is_empty()) else { return 0.0 };
-            let covariance = known.inverse().symmetric_eigen();
-            let played = play_log(held, hypothesis, &z, index);
-            let axes = covariance.eigenvalues.iter().zip(covariance.eigenvectors.column_iter());
-            let moved = axes.map(|(variance, direction)| {
-                let mut z = z.clone();
-                for ((z, rule), along) in z[beginning.at..].iter_mut().zip(&beginning.rules).zip(direction.iter()) {
-                    *z = (*z + variance.max(0.0).sqrt() * along).clamp(rule.bounds[0], rule.bounds[1]);
-                }
-                apart2_m2(&held.records[index], &played, &play_log(held, hypothesis, &z, index))
-            });
-            moved.sum::<f64>()
-        };
-        (0..held.records.len()).into_par_iter().map(one).sum::<f64>() / self.rows_scored()
-    }
-
-    /// Rows of the held-out logs that are scored.
-    fn rows_scored(&self) -> f64 {
-        let records = self.held.iter().flat_map(|held| &held.records);
-        records.map(|record| record.log.len() - scored_from(record)).sum::<usize>().max(1) as f64
-    }
-}
-
-/// Squares of the difference of two predictions for a log of which only the start was fitted, summed over the rows that are scored.
-fn apart2_m2(record: &Record<'_>, one: &[f64], other: &[f64]) -> f64 {
-    let from = scored_from(record);
-    one[from..].iter().zip(&other[from..]).map(|(a, b)| (a - b).powi(2)).sum()
 }
 
 impl Variant {
@@ -163,14 +129,10 @@ fn play_on(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], settle_starts:
         if settle_starts {
             settle(bench, hypothesis, &mut z, index);
         }
-        play_log(bench, hypothesis, &z, index)
+        let mut reader = reader(bench, hypothesis, &z, index);
+        bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
     };
     (0..bench.records.len()).into_par_iter().map(one).collect()
-}
-
-fn play_log(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Played {
-    let mut reader = reader(bench, hypothesis, z, index);
-    bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
 }
 
 /// Coordinates of `to` on bench `there` that keep what was found for `from` on bench `here`: numbers and shared parameters, and on
@@ -264,15 +226,35 @@ fn corners(hysterons: usize) -> Vec<Vec<f64>> {
 
 /// One descent of [`settle`] from `z`; the mean square that it ends with.
 fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) -> f64 {
-    let beginning = Beginning::of(bench, hypothesis, index);
-    let (at, rules) = (beginning.at, &beginning.rules);
+    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
+    let record = &bench.records[index];
+    let upto = scored_from(record).max(record.run_in + 16).min(record.log.len());
+    let rules = &bench.rules(hypothesis)[at..at + count];
+    let residuals = |z: &[f64]| -> Vec<f64> {
+        let mut reader = reader(bench, hypothesis, z, index);
+        record.log.displacement_m[..upto].iter().map(|y| y - reader.next_m()).skip(record.run_in).collect()
+    };
     let prior = |z: &[f64]| -> f64 { rules.iter().zip(&z[at..]).map(|(rule, &z)| rule.cost(z)).sum() };
-    let mut here = beginning.residuals(z);
+    let mut here = residuals(z);
+    let mean2 = |residuals: &[f64]| residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len().max(1) as f64;
     for _ in 0..STEPS {
-        let weight = beginning.weight(&here);
-        let (information, gradient) = beginning.assemble(z, &here);
+        let squares: f64 = here.iter().map(|r| r * r).sum();
+        // A plant that doesn't fit must not bend its start for it: the unit of the residual is the residual itself.
+        let weight = 1.0 / (record.noise_m * record.noise_m).max(squares / here.len() as f64);
+        let columns: Vec<Vec<f64>> = (0..count)
+            .map(|i| {
+                let mut there = z.to_vec();
+                let step = rules[i].inward_step(z[at + i]);
+                there[at + i] += step;
+                residuals(&there).iter().zip(&here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
+            })
+            .collect();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
+        let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], &here));
+        add_priors(rules, &z[at..], &mut information, &mut gradient);
         let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { break };
-        let before = weight * squares(&here) + prior(z);
+        let before = weight * squares + prior(z);
         let mut share = 1.0;
         let mut gained = None;
         for _ in 0..HALVINGS {
@@ -281,8 +263,8 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
                 let step = (share * change[i]).clamp(-rule.most, rule.most);
                 there[at + i] = (z[at + i] + step).clamp(rule.bounds[0], rule.bounds[1]);
             }
-            let next = beginning.residuals(&there);
-            let after = weight * squares(&next) + prior(&there);
+            let next = residuals(&there);
+            let after = weight * next.iter().map(|r| r * r).sum::<f64>() + prior(&there);
             if after < before {
                 z.copy_from_slice(&there);
                 here = next;
@@ -295,66 +277,7 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
             break;
         }
     }
-    squares(&here) / here.len().max(1) as f64
-}
-
-fn squares(residuals: &[f64]) -> f64 {
-    residuals.iter().map(|r| r * r).sum()
-}
-
-/// The first stretch of a log, to which its start is fitted.
-struct Beginning<'b> {
-    bench: &'b Bench<'b>,
-    hypothesis: &'b Hypothesis,
-    index: usize,
-    /// The row after its last.
-    upto: usize,
-    /// Where the start's coordinates begin, and their rules.
-    at: usize,
-    rules: Vec<Rule>,
-}
-
-impl<'b> Beginning<'b> {
-    fn of(bench: &'b Bench<'b>, hypothesis: &'b Hypothesis, index: usize) -> Self {
-        let record = &bench.records[index];
-        let at = bench.own_start(hypothesis, index);
-        let rules = bench.rules(hypothesis)[at..at + bench.start_count(hypothesis)].to_vec();
-        let upto = scored_from(record).max(record.run_in + 16).min(record.log.len());
-        Self { bench, hypothesis, index, upto, at, rules }
-    }
-
-    /// Measured minus predicted, metres, after the run-in.
-    fn residuals(&self, z: &[f64]) -> Vec<f64> {
-        let record = &self.bench.records[self.index];
-        let mut reader = reader(self.bench, self.hypothesis, z, self.index);
-        record.log.displacement_m[..self.upto].iter().map(|y| y - reader.next_m()).skip(record.run_in).collect()
-    }
-
-    /// One over the variance of a row. A plant that doesn't fit must not bend its start for it: where the residuals are more than noise, they
-    /// are their own unit.
-    fn weight(&self, residuals: &[f64]) -> f64 {
-        let noise_m = self.bench.records[self.index].noise_m;
-        1.0 / (noise_m * noise_m).max(squares(residuals) / residuals.len() as f64)
-    }
-
-    /// Information and gradient of the start at `z`, where the residuals are `here`, priors included.
-    fn assemble(&self, z: &[f64], here: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-        let weight = self.weight(here);
-        let count = self.rules.len();
-        let columns: Vec<Vec<f64>> = (0..count)
-            .map(|i| {
-                let mut there = z.to_vec();
-                let step = self.rules[i].inward_step(z[self.at + i]);
-                there[self.at + i] += step;
-                self.residuals(&there).iter().zip(here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
-            })
-            .collect();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
-        let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], here));
-        add_priors(&self.rules, &z[self.at..], &mut information, &mut gradient);
-        (information, gradient)
-    }
+    mean2(&here)
 }
 
 /// First row of a log of which only the start was fitted that counts.
