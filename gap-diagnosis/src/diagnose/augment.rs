@@ -126,14 +126,12 @@ impl Augmented {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
         let covariance = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
-        let played = benches.play_held(&self.variant);
         let axes = covariance.eigenvalues.iter().zip(covariance.eigenvectors.column_iter());
-        let moved = axes.filter(|(variance, _)| **variance > 0.0).map(|(variance, direction)| {
-            let mut variant = self.variant.clone();
-            variant.z.iter_mut().zip(direction.iter()).for_each(|(z, along)| *z += variance.sqrt() * along);
-            benches.mean_square_apart_m2(&played, &benches.play_held(&variant))
-        });
-        MEDIAN_OF_SQUARE * moved.sum::<f64>()
+        let moves: Vec<Vec<f64>> = axes
+            .filter(|(variance, _)| **variance > 0.0)
+            .map(|(variance, direction)| direction.iter().map(|along| variance.sqrt() * along).collect())
+            .collect();
+        MEDIAN_OF_SQUARE * benches.mean_square_moved_m2(&self.variant, &moves)
     }
 
     /// The number that is wrong, for `parameter_error`.

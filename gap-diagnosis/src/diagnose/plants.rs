@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Share of a held-out log that its start is fitted to.
 pub(super) const START_SHARE: f64 = 0.3;
@@ -16,8 +17,10 @@ pub(super) const START_SHARE: f64 = 0.3;
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
 /// A start from there must leave less than this of the squares to be another valley and no other place in the same one, which the first stretch
-/// leaves open and later motion does not.
+/// leaves open and later motion does not, ..
 const CLEARLY: f64 = 0.8;
+/// .. or, where the first one has settled, so many squares of the noise less.
+const SURELY: f64 = 12.0;
 /// Hysterons of which every corner is tried.
 const MOST_CORNERS: usize = 3;
 /// Steps of that fit at most, and halvings of a step.
@@ -75,7 +78,41 @@ impl<'a> Benches<'a> {
     pub fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
-        play_on(held, &variant.hypothesis, &z, true)
+        let one = |index: usize| {
+            let mut z = z.clone();
+            seek(held, &variant.hypothesis, &mut z, index, true);
+            play_log(held, &variant.hypothesis, &z, index)
+        };
+        (0..held.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// Mean square of what the predictions for the held-out logs change, on the rows that are scored, when the first coordinates of
+    /// `variant` are moved by each of `moves`; all moves together. Starts follow, and stay in the valley where they settled.
+    pub fn mean_square_moved_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> f64 {
+        let Some(held) = &self.held else { return 0.0 };
+        let hypothesis = &variant.hypothesis;
+        let on_held = |z: &[f64]| carry(&self.fitted, hypothesis, z, held, hypothesis, false);
+        let z = on_held(&variant.z);
+        let one = |index: usize| -> f64 {
+            let record = &held.records[index];
+            let mut z = z.clone();
+            seek(held, hypothesis, &mut z, index, true);
+            let (played, from) = (play_log(held, hypothesis, &z, index), scored_from(record));
+            let at = held.own_start(hypothesis, index);
+            let own = at..at + held.start_count(hypothesis);
+            let apart2 = |by: &Vec<f64>| -> f64 {
+                let mut there = variant.z.clone();
+                there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
+                let mut there = on_held(&there);
+                there[own.clone()].copy_from_slice(&z[own.clone()]);
+                settle_from(held, hypothesis, &mut there, index);
+                let moved = play_log(held, hypothesis, &there, index);
+                played[from..].iter().zip(&moved[from..]).map(|(a, b)| (a - b).powi(2)).sum()
+            };
+            moves.iter().map(apart2).sum()
+        };
+        let rows: usize = held.records.iter().map(|record| record.log.len() - scored_from(record)).sum();
+        (0..held.records.len()).into_par_iter().map(one).sum::<f64>() / rows.max(1) as f64
     }
 }
 
@@ -83,20 +120,6 @@ fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
     let mut bench = Bench::new(model, records);
     bench.chain.parts.is_coarse = false;
     bench
-}
-
-impl Benches<'_> {
-    /// Mean square of the difference of two predictions for the held-out logs, on the rows that are scored.
-    pub fn mean_square_apart_m2(&self, one: &[Played], other: &[Played]) -> f64 {
-        let records = self.held.iter().flat_map(|held| &held.records);
-        let (mut rows, mut sum) = (0usize, 0.0);
-        for (record, (one, other)) in records.zip(one.iter().zip(other)) {
-            let from = scored_from(record);
-            rows += one.len() - from;
-            sum += one[from..].iter().zip(&other[from..]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        }
-        sum / rows.max(1) as f64
-    }
 }
 
 impl Variant {
@@ -129,10 +152,14 @@ fn play_on(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], settle_starts:
         if settle_starts {
             settle(bench, hypothesis, &mut z, index);
         }
-        let mut reader = reader(bench, hypothesis, &z, index);
-        bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
+        play_log(bench, hypothesis, &z, index)
     };
     (0..bench.records.len()).into_par_iter().map(one).collect()
+}
+
+fn play_log(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Played {
+    let mut reader = reader(bench, hypothesis, z, index);
+    bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
 }
 
 /// Coordinates of `to` on bench `there` that keep what was found for `from` on bench `here`: numbers and shared parameters, and on
@@ -185,21 +212,31 @@ pub(super) fn carry(
 /// Fits the start of log `index` to its first stretch, everything else held. Where its coordinates as they are do not lead to the noise,
 /// each hysteron in turn starts near either edge as well, then several do: dead zones make valleys of their own.
 pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    seek(bench, hypothesis, z, index, false);
+}
+
+/// The same, from all of these places if `from_all`: where no later fit will mend it, a start that reaches the noise need not be the right one.
+fn seek(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize, from_all: bool) {
     if bench.start_count(hypothesis) == 0 {
         return;
     }
     let first = bench.own_start(hypothesis, index) + 1;
     let from = z.to_vec();
+    let record = &bench.records[index];
+    let noise2 = record.noise_m.powi(2);
+    let settled2 = SETTLED * SETTLED * noise2;
+    let rows = first_stretch(record).len() as f64;
     let mut least2 = f64::INFINITY;
     for edges in corners(bench.hysterons(hypothesis)) {
         let mut there = from.clone();
         there[first..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
         let mean2 = settle_from(bench, hypothesis, &mut there, index);
-        if mean2 < CLEARLY * least2 {
+        let is_surely_less = least2 < settled2 && rows * (least2 - mean2) > SURELY * noise2;
+        if mean2 < CLEARLY * least2 || is_surely_less {
             least2 = mean2;
             z.copy_from_slice(&there);
         }
-        if least2.sqrt() < SETTLED * bench.records[index].noise_m {
+        if least2 < settled2 && !from_all {
             return;
         }
     }
@@ -228,11 +265,11 @@ fn corners(hysterons: usize) -> Vec<Vec<f64>> {
 fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) -> f64 {
     let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
     let record = &bench.records[index];
-    let upto = scored_from(record).max(record.run_in + 16).min(record.log.len());
+    let stretch = first_stretch(record);
     let rules = &bench.rules(hypothesis)[at..at + count];
     let residuals = |z: &[f64]| -> Vec<f64> {
         let mut reader = reader(bench, hypothesis, z, index);
-        record.log.displacement_m[..upto].iter().map(|y| y - reader.next_m()).skip(record.run_in).collect()
+        record.log.displacement_m[..stretch.end].iter().map(|y| y - reader.next_m()).skip(stretch.start).collect()
     };
     let prior = |z: &[f64]| -> f64 { rules.iter().zip(&z[at..]).map(|(rule, &z)| rule.cost(z)).sum() };
     let mut here = residuals(z);
@@ -278,6 +315,11 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
         }
     }
     mean2(&here)
+}
+
+/// Rows to which a start is fitted.
+fn first_stretch(record: &Record<'_>) -> Range<usize> {
+    record.run_in..scored_from(record).max(record.run_in + 16).min(record.log.len())
 }
 
 /// First row of a log of which only the start was fitted that counts.
