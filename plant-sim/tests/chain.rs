@@ -421,12 +421,17 @@ fn a_gap_and_a_cycle_bend_the_reading() {
 
 /// How far the sensor's side is behind the structure at each sample of a ramp, a step back and a rest.
 fn behind_m(play_m: f64, drag_s: f64) -> Vec<f64> {
+    behind(Sensor { play_m, drag_s, ..Sensor::IDEAL })
+}
+
+/// The same of any sensor.
+fn behind(sensor: Sensor) -> Vec<f64> {
     let with = |sensor| {
         let chain = Chain { sensor, ..chain() };
         let command_v = (0..1500).map(|k| if k < 400 { 0.1 * f64::from(k) } else { 35.0 }).collect();
         predict(&chain, &log(command_v, Hold::Zoh, 0.0), &Start::relaxed(&chain), 1500)
     };
-    let with_play = with(Sensor { play_m, drag_s, ..Sensor::IDEAL });
+    let with_play = with(sensor);
     with(Sensor::IDEAL).iter().zip(with_play).map(|(ideal, read)| ideal - read).collect()
 }
 
@@ -442,6 +447,17 @@ fn a_play_keeps_its_distance_and_drag_uses_it_up() {
     let share = |behind: &[f64]| behind[1400] / behind[1300];
     assert!((share(&dragged) / (-2f64).exp() - 1.0).abs() < 1e-3, "{:e}", share(&dragged));
     assert!((share(&free) - 1.0).abs() < 1e-6, "{:e}", share(&free));
+}
+
+#[test]
+fn contacts_with_plays_of_their_own_are_read_as_the_mean_of_the_plants_with_each() {
+    let spread = behind(Sensor { play_m: 2e-6, play_spread: 0.8, ..Sensor::IDEAL });
+    let alone = [2e-6, 1.6e-6, 1.2e-6, 0.8e-6, 0.4e-6].map(|play_m| behind_m(play_m, f64::INFINITY));
+    let mean = |k: usize| alone.iter().map(|behind| behind[k]).sum::<f64>() / 5.0;
+    let furthest_m = spread.iter().enumerate().map(|(k, m)| (m - mean(k)).abs()).fold(0.0, f64::max);
+    assert!(furthest_m < 1e-18, "{furthest_m:e}");
+    let apart_m = spread.iter().zip(behind_m(2e-6, f64::INFINITY)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!((apart_m - 0.4e-6).abs() < 1e-12, "{apart_m:e}");
 }
 
 #[test]

@@ -5,6 +5,9 @@
 use super::lag::LagState;
 use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
+/// Contacts that share a joint whose plays are spread.
+const CONTACTS: usize = 5;
+
 /// The sensor's state.
 pub(super) struct Readout {
     sensor: Sensor,
@@ -12,7 +15,9 @@ pub(super) struct Readout {
     is_affine: bool,
     sample_s: f64,
     sample: u64,
-    /// Displacement and velocity at this sample behind the play.
+    /// Displacement behind each play at this sample, of as many as there are; then the mean's, and its velocity.
+    contacts_m: [f64; CONTACTS],
+    contacts: usize,
     behind_m: f64,
     behind_m_per_s: f64,
     lag: LagState,
@@ -49,6 +54,8 @@ impl Readout {
             is_affine: sensor.is_affine(),
             sample_s,
             sample: 0,
+            contacts_m: [0.0; CONTACTS],
+            contacts: if sensor.play_m > 0.0 && sensor.play_spread > 0.0 { CONTACTS } else { 1 },
             behind_m: 0.0,
             behind_m_per_s: 0.0,
             lag: LagState::default(),
@@ -65,12 +72,16 @@ impl Readout {
         self.structure = [displacement_m, 0.0];
         self.arms.iter_mut().for_each(|(_, follower)| *follower = LagState::at(displacement_m));
         let seen_m = self.seen_m();
+        self.contacts_m = [seen_m; CONTACTS];
         (self.behind_m, self.behind_m_per_s, self.lag) = (seen_m, 0.0, LagState::at(seen_m));
     }
 
-    /// The play has been left at this `share` of its half width from the middle.
+    /// Each play has been left at this `share` of its half width from the middle.
     pub(super) fn hold(&mut self, share: f64) {
-        self.behind_m += 0.5 * share * self.sensor.play_m;
+        for contact in 0..self.contacts {
+            self.contacts_m[contact] += share * self.half_m(contact);
+        }
+        self.behind_m = self.mean_m();
         self.lag = LagState::at(self.behind_m);
     }
 
@@ -83,17 +94,22 @@ impl Readout {
         } else {
             self.follow(displacement_m, velocity_m_per_s)
         };
-        let half_m = 0.5 * self.sensor.play_m;
-        // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
-        let crept_m = self.dragged_m(displacement_m);
-        // Where a search has led the plant to where it is no number any more, the reading is none either.
-        let now_m = if displacement_m.is_nan() {
-            displacement_m
-        } else {
-            crept_m.clamp(displacement_m - half_m, displacement_m + half_m)
-        };
-        let now_m_per_s =
-            if now_m == crept_m && half_m > 0.0 { (crept_m - self.behind_m) / self.sample_s } else { velocity_m_per_s };
+        let mut rate_m_per_s = 0.0;
+        for contact in 0..self.contacts {
+            let (half_m, from_m) = (self.half_m(contact), self.contacts_m[contact]);
+            // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
+            let crept_m = self.dragged_m(from_m, displacement_m);
+            // Where a search has led the plant to where it is no number any more, the reading is none either.
+            let now_m = if displacement_m.is_nan() {
+                displacement_m
+            } else {
+                crept_m.clamp(displacement_m - half_m, displacement_m + half_m)
+            };
+            let is_within = now_m == crept_m && half_m > 0.0;
+            rate_m_per_s += if is_within { (crept_m - from_m) / self.sample_s } else { velocity_m_per_s };
+            self.contacts_m[contact] = now_m;
+        }
+        let (now_m, now_m_per_s) = (self.mean_m(), rate_m_per_s / self.contacts as f64);
         if self.sensor.lag.is_some() {
             let cubic = hermite([self.behind_m, self.behind_m_per_s], [now_m, now_m_per_s], self.sample_s);
             self.lag.pass(self.sensor.lag, cubic, self.sample_s);
@@ -132,11 +148,21 @@ impl Readout {
         q + crept + swung
     }
 
-    fn dragged_m(&self, displacement_m: f64) -> f64 {
+    fn dragged_m(&self, from_m: f64, displacement_m: f64) -> f64 {
         if self.sensor.drag_s == f64::INFINITY {
-            return self.behind_m;
+            return from_m;
         }
-        self.behind_m + self.drags * (displacement_m - self.behind_m)
+        from_m + self.drags * (displacement_m - from_m)
+    }
+
+    /// Half the width of the play of one contact.
+    fn half_m(&self, contact: usize) -> f64 {
+        let narrower = self.sensor.play_spread * contact as f64 / (CONTACTS - 1) as f64;
+        0.5 * self.sensor.play_m * (1.0 - narrower)
+    }
+
+    fn mean_m(&self) -> f64 {
+        self.contacts_m[..self.contacts].iter().sum::<f64>() / self.contacts as f64
     }
 
     /// The reading at this sample.

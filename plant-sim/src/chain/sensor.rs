@@ -11,6 +11,9 @@ use rand_pcg::Pcg64;
 pub struct Sensor {
     /// Full width of lost motion between structure and sensor, in metres.
     pub play_m: f64,
+    /// Where several contacts share the joint, each with a play of its own, their widths go evenly from this share less than `play_m` up to it,
+    /// and the sensor's side is in their mean: 0 for one contact, at most 1.
+    pub play_spread: f64,
     /// Time constant with which the sensor's side creeps to the middle of the play, in seconds; infinite for a play without drag.
     pub drag_s: f64,
     /// Lost motion at one place: the reading stands still while the structure crosses it.
@@ -116,6 +119,7 @@ impl Sensor {
     /// A sensor that reads the displacement.
     pub const IDEAL: Sensor = Sensor {
         play_m: 0.0,
+        play_spread: 0.0,
         drag_s: f64::INFINITY,
         gap: None,
         lag: None,
@@ -140,8 +144,8 @@ impl Sensor {
 
     /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag and clock are left.
     pub fn before_reading(&self) -> Sensor {
-        let Sensor { play_m, drag_s, lag, clock_ratio, clock_drift_per_s, .. } = *self;
-        Sensor { play_m, drag_s, lag, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
+        let Sensor { play_m, play_spread, drag_s, lag, clock_ratio, clock_drift_per_s, .. } = *self;
+        Sensor { play_m, play_spread, drag_s, lag, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
     }
 
     /// Whether [`Sensor::predictable_m`] is a gain and an offset.

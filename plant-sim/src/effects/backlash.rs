@@ -8,10 +8,12 @@ effect!(Backlash, "backlash", Structure);
 const ABOUT: About = About {
     title: "backlash",
     what: "A joint has play: after each reversal the sensor's side stays until the play is used up.",
-    equation: "play operator: y follows q within +-g/2; with drag: within the play tau y' = q - y besides; gap: y = q \
-               - clamp(q - q0, -g/2, g/2); q: displacement of the structure, y: displacement that the sensor sees, g: \
-               full width of the play, q0: where the gap lies",
-    source: "play, gap and joint with drag: Nordin and Gutman (2002), Automatica 38, 1633; port-Hamiltonian view: arXiv \
+    equation: "play operator: y follows q within +-g/2; with drag: within the play tau y' = q - y besides; several \
+               plays: the mean of five, g (1 - s) to g wide; gap: y = q - clamp(q - q0, -g/2, g/2); q: displacement \
+               of the structure, y: displacement that the sensor sees, g: full width of the play, s: spread, q0: \
+               where the gap lies",
+    source: "play, gap and joint with drag: Nordin and Gutman (2002), Automatica 38, 1633; several plays that \
+             close one after the other: the Prandtl-Ishlinskii operator of the displacement; port-Hamiltonian view: arXiv \
              2603.25211; size assumed",
     typical: "0.01 to 1 um",
     installs: "a play between structure and sensor",
@@ -39,6 +41,14 @@ const FORMS: &[Form] = &[
         |chain, p| {
             chain.sensor.play_m += p[0];
             chain.sensor.drag_s = p[1];
+        },
+    ),
+    Form::predictable(
+        "several-plays",
+        |scales| vec![width("play_m", scales), Parameter::shape("spread", "", [0.05, 1.0], vec![0.6, 0.95])],
+        |chain, p| {
+            chain.sensor.play_m += p[0];
+            chain.sensor.play_spread = p[1];
         },
     ),
     Form::predictable(
