@@ -3,11 +3,12 @@
 //! A log that no fit has seen gives one thing away: its start, from its first stretch, which is then not scored.
 
 use super::bench::{Bench, Freedom, Hypothesis, Installed, Record, add_priors};
-use super::normal::reader;
+use super::normal::{self, reader};
 use super::records::record;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
+use plant_sim::replay::Reader;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -23,9 +24,11 @@ const CLEARLY: f64 = 0.8;
 const SURELY: f64 = 12.0;
 /// Hysterons of which every corner is tried.
 const MOST_CORNERS: usize = 3;
-/// Steps of that fit at most, and halvings of a step.
-const STEPS: usize = 8;
-const HALVINGS: usize = 5;
+/// Steps of that fit at most, and how often a step is shortened.
+const STEPS: usize = 12;
+const HALVINGS: i32 = 5;
+/// Sensitivities are carried on after a step that left less than this many times the squares foreseen.
+const AS_FORESEEN: f64 = 1.2;
 
 /// All logs, laws followed finely: what is said of a fit is said at full accuracy.
 pub(super) struct Benches<'a> {
@@ -268,53 +271,80 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
     let stretch = first_stretch(record);
     let rules = &bench.rules(hypothesis)[at..at + count];
     let residuals = |z: &[f64]| -> Vec<f64> {
-        let mut reader = reader(bench, hypothesis, z, index);
+        // Coarse laws err by a nanometre or two, which moves a start by no more.
+        let (mut chain, start) = normal::at(bench, hypothesis, z, index);
+        chain.parts.is_coarse = true;
+        let mut reader = Reader::new(&chain, record.log, &start);
         record.log.displacement_m[..stretch.end].iter().map(|y| y - reader.next_m()).skip(stretch.start).collect()
     };
     let prior = |z: &[f64]| -> f64 { rules.iter().zip(&z[at..]).map(|(rule, &z)| rule.cost(z)).sum() };
+    let sensitivities = |z: &[f64], here: &[f64]| -> Vec<Vec<f64>> {
+        let column = |i: usize| {
+            let mut there = z.to_vec();
+            let step = rules[i].inward_step(z[at + i]);
+            there[at + i] += step;
+            residuals(&there).iter().zip(here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
+        };
+        (0..count).map(column).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut here = residuals(z);
-    let mean2 = |residuals: &[f64]| residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len().max(1) as f64;
+    let mut columns = sensitivities(z, &here);
+    let mut is_fresh = true;
     for _ in 0..STEPS {
-        let squares: f64 = here.iter().map(|r| r * r).sum();
+        let squares = dot(&here, &here);
         // A plant that doesn't fit must not bend its start for it: the unit of the residual is the residual itself.
         let weight = 1.0 / (record.noise_m * record.noise_m).max(squares / here.len() as f64);
-        let columns: Vec<Vec<f64>> = (0..count)
-            .map(|i| {
-                let mut there = z.to_vec();
-                let step = rules[i].inward_step(z[at + i]);
-                there[at + i] += step;
-                residuals(&there).iter().zip(&here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
-            })
-            .collect();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
         let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], &here));
         add_priors(rules, &z[at..], &mut information, &mut gradient);
         let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { break };
         let before = weight * squares + prior(z);
-        let mut share = 1.0;
-        let mut gained = None;
-        for _ in 0..HALVINGS {
+        let to = |share: f64| {
             let mut there = z.to_vec();
             for (i, rule) in rules.iter().enumerate() {
                 let step = (share * change[i]).clamp(-rule.most, rule.most);
                 there[at + i] = (z[at + i] + step).clamp(rule.bounds[0], rule.bounds[1]);
             }
             let next = residuals(&there);
-            let after = weight * next.iter().map(|r| r * r).sum::<f64>() + prior(&there);
-            if after < before {
-                z.copy_from_slice(&there);
-                here = next;
-                gained = Some(before - after);
+            let gained = before - weight * dot(&next, &next) - prior(&there);
+            (gained > 0.0).then_some((there, next, gained))
+        };
+        let Some((there, next, gained)) = (0..HALVINGS).find_map(|n| to(0.3f64.powi(n))) else {
+            if is_fresh {
                 break;
             }
-            share *= 0.3;
-        }
-        if gained.is_none_or(|gained| gained < 1e-4 * before) {
+            (columns, is_fresh) = (sensitivities(z, &here), true);
+            continue;
+        };
+        let moved: Vec<f64> = (0..count).map(|i| there[at + i] - z[at + i]).collect();
+        let foreseen: Vec<f64> = (0..here.len())
+            .map(|row| here[row] - columns.iter().zip(&moved).map(|(c, by)| c[row] * by).sum::<f64>())
+            .collect();
+        let is_over = gained < 1e-4 * before;
+        let is_as_foreseen = dot(&next, &next) < AS_FORESEEN * dot(&foreseen, &foreseen);
+        let was_fresh = is_fresh;
+        z.copy_from_slice(&there);
+        here = next;
+        if is_over && was_fresh {
             break;
         }
+        if is_over || !is_as_foreseen {
+            (columns, is_fresh) = (sensitivities(z, &here), true);
+            continue;
+        }
+        // Broyden (1965): the sensitivities that would have foreseen this step, in units of the largest ones.
+        let units = |i: usize| moved[i] / rules[i].most.powi(2);
+        let length2: f64 = (0..count).map(|i| moved[i] * units(i)).sum();
+        for (i, column) in columns.iter_mut().enumerate() {
+            let part = units(i) / length2;
+            for ((c, next), foreseen) in column.iter_mut().zip(&here).zip(&foreseen) {
+                *c -= (next - foreseen) * part;
+            }
+        }
+        is_fresh = false;
     }
-    mean2(&here)
+    dot(&here, &here) / here.len().max(1) as f64
 }
 
 /// Rows to which a start is fitted.

@@ -130,11 +130,12 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
             rate = rate.max(0.5 * TAU * mode.hz * (1.0 + mass_kg / plant.mass_kg).sqrt());
         }
     }
-    let (substep, most) = if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST) } else { (SUBSTEP, MOST) };
+    let (substep, most, shorter) =
+        if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST, 1.0) } else { (SUBSTEP, MOST, 2.0) };
     let count = |rate: f64| (rate * sample_s / substep).log2().ceil().exp2().clamp(1.0, most) as usize;
     let idle = count(rate);
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
-    let rate = rate.max((added / plant.mass_kg).sqrt() * 2.0);
+    let rate = rate.max((added / plant.mass_kg).sqrt() * shorter);
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
     let count_of_laws = count(rate.max(4.0 * widening / plant.mass_kg));

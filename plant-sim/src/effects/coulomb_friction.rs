@@ -29,7 +29,8 @@ const FORMS: &[Form] = &[
     Form::predictable(
         "presliding",
         |scales| {
-            let bounds = [scales.stroke_m / 3000.0, scales.stroke_m / 20.0];
+            // Down to a nanometre on a bender: friction that sticks hard has none.
+            let bounds = [1e-5 * scales.stroke_m, scales.stroke_m / 20.0];
             let starts = spaced(scales.stroke_m / 1000.0, scales.stroke_m / 40.0, 3);
             vec![coulomb(scales), Parameter::shape("presliding_m", "m", bounds, starts)]
         },

@@ -78,8 +78,9 @@ const COARSE_NM: f64 = 1.0;
 /// Laws as a search follows them, against the same laws followed finely.
 #[test]
 fn coarse_laws_stay_near_fine_ones() {
-    let hard = Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-8 };
-    let all = forces().into_iter().map(|(name, force, _)| (name, force)).chain([("presliding 30 nm", hard)]);
+    let presliding = |presliding_m| Force::Presliding { coulomb_n: 0.1, presliding_m };
+    let hard = [("presliding 30 nm", presliding(3e-8)), ("presliding 1 nm", presliding(1e-9))];
+    let all = forces().into_iter().map(|(name, force, _)| (name, force)).chain(hard);
     let mut failed = Vec::new();
     for (name, force) in all {
         let fine = with_force(force);
