@@ -10,10 +10,11 @@
 //! it: all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
 //! Drive parts work with the mean voltage of each kick interval, so edges may fall anywhere.
 
+use crate::digitise::{Digitise, Noise};
 use crate::drive::{Drive, Memory};
 use crate::hysteron::{Hysteron, Prepared};
 use crate::record::Record;
-use crate::sensor::{Digitise, Follow, Measure, Noise, Row, normal};
+use crate::sensor::{Follow, Measure, Row, normal};
 use crate::structure::Force;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

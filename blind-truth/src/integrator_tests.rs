@@ -2,11 +2,12 @@
 //! balance. No test here looks at a case.
 
 use crate::bench::{Bench, History, Jitter, Loop, Motion, STEP_S, Session, Source, record};
+use crate::digitise::{Digitise, Noise};
 use crate::drive::Drive;
 use crate::hysteron::Hysteron;
 use crate::nominal::{bench, nominal};
 use crate::record::Record;
-use crate::sensor::{Digitise, Follow, Measure, Noise, Row};
+use crate::sensor::{Follow, Measure, Row};
 use crate::structure::Force;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;

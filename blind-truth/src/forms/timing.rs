@@ -2,9 +2,9 @@
 
 use super::{C, CR, D, DC, DCR, Form, Planted, R, log_uniform, sign};
 use crate::bench::{BadLink, Jitter};
+use crate::digitise::Digitise;
 use crate::drive::Drive;
 use crate::effects::EffectId::*;
-use crate::sensor::Digitise;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
