@@ -74,6 +74,12 @@ pub(crate) struct Timing {
     pub clock_error: f64,
     /// The clock error swings with this period if positive (a temperature-cycled oscillator).
     pub clock_swing_s: f64,
+    /// The clock's slip is put right each time this has passed, if positive.
+    pub clock_sync_s: f64,
+    /// Share of the clock error that goes with this time constant in seconds after row 0 (an oven that warms).
+    pub clock_settling: Option<(f64, f64)>,
+    /// Edges of odd rows are later by this, those of even rows earlier (two buffers by turns).
+    pub edge_turns_s: f64,
     /// Random error of the sampling time.
     pub jitter: Option<Jitter>,
     /// Lost commands: probability per row and how many rows the old value stays.
@@ -106,6 +112,10 @@ pub(crate) enum Jitter {
     Gaussian { rms_s: f64 },
     /// One row in `one_in` is late by an exponentially distributed time.
     RareLate { one_in: f64, mean_s: f64 },
+    /// First-order noise of this standard deviation that takes `rows` rows to forget.
+    Wandering { rms_s: f64, rows: f64 },
+    /// Early or late by this, at random: one of two ticks of a timer.
+    TwoTimes { s: f64 },
 }
 
 /// Motion before row 0, after which the bench rests.
@@ -220,7 +230,8 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     let signs: [f64; 2] = std::array::from_fn(|_| if chance.history.random::<bool>() { 1.0 } else { -1.0 });
     let mut started = bench.start == Start::default();
     let mut reader = Reader::new(bench, period_s, &mut chance.parts);
-    let mut next_sample_s = sample_time(&bench.timing, 0, n_before, period_s, &mut chance.timing);
+    let mut wander = 0.0;
+    let mut next_sample_s = sample_time(&bench.timing, 0, n_before, period_s, &mut wander, &mut chance.timing);
     let mut next_edge_s = board.edge_time(0);
     let mut n_sampled = 0;
     let mut n_edges = 0;
@@ -267,7 +278,7 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
             let reading_m = reader.read(bench, at, &row, &mut chance);
             board.sampled(n_sampled, reading_m, motion.drive_v);
             n_sampled += 1;
-            next_sample_s = sample_time(&bench.timing, n_sampled, n_before, period_s, &mut chance.timing);
+            next_sample_s = sample_time(&bench.timing, n_sampled, n_before, period_s, &mut wander, &mut chance.timing);
         }
         y_before = y;
     }
@@ -279,12 +290,16 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     board.record
 }
 
-/// True time of a row's sampling since the start of the history.
-fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, rng: &mut Pcg64) -> f64 {
+/// True time of a row's sampling since the start of the history; `wander` is the memory of a jitter that has one.
+fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, wander: &mut f64, rng: &mut Pcg64) -> f64 {
     let since_s = (row as f64 - n_before as f64) * period_s;
     let slip_s = if timing.clock_swing_s > 0.0 {
         let w = TAU / timing.clock_swing_s;
         timing.clock_error * (1.0 - (w * since_s).cos()) / w
+    } else if timing.clock_sync_s > 0.0 {
+        timing.clock_error * since_s.rem_euclid(timing.clock_sync_s)
+    } else if let Some((share, tau_s)) = timing.clock_settling {
+        timing.clock_error * (since_s + share * tau_s * (-since_s.max(0.0) / tau_s).exp_m1())
     } else {
         timing.clock_error * since_s
     };
@@ -295,6 +310,18 @@ fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, rng:
         Some(Jitter::RareLate { one_in, mean_s }) => {
             let (chance, size) = (rng.random::<f64>(), rng.random::<f64>());
             if chance * one_in < 1.0 { -mean_s * (1.0 - size).ln() } else { 0.0 }
+        }
+        Some(Jitter::Wandering { rms_s, rows }) => {
+            let keep = (-1.0 / rows).exp();
+            *wander = keep * *wander + (1.0 - keep * keep).sqrt() * normal(rng);
+            rms_s * *wander
+        }
+        Some(Jitter::TwoTimes { s }) => {
+            if rng.random::<bool>() {
+                s
+            } else {
+                -s
+            }
         }
     };
     // Rows stay in order, and nothing is sampled before the start.
@@ -396,7 +423,10 @@ impl<'a> Board<'a> {
     }
 
     fn edge_time(&self, row: usize) -> f64 {
-        row as f64 * self.period_s + self.offset_s
+        // Edges stay in order.
+        let turn_s = self.timing.edge_turns_s.min(0.4 * self.period_s);
+        let way = if row % 2 == 1 { 1.0 } else { -1.0 };
+        row as f64 * self.period_s + self.offset_s + way * turn_s
     }
 
     /// Decides and logs the command of a row, and returns what reaches the amplifier.
@@ -524,6 +554,7 @@ pub(crate) struct Motion {
 
 impl Motion {
     fn new(bench: &Bench, h_s: f64, chance: &mut Chance) -> Self {
+        let drives = bench.drives.iter().map(|part| part.begin(h_s, &mut chance.parts)).collect();
         let phases = bench.forces.iter().map(|part| part.begin(TAU * chance.parts.random::<f64>()));
         let drag = 0.5 * h_s * bench.damping_n_s_per_m;
         let inverse = 1.0 / (bench.mass_kg + drag);
@@ -534,7 +565,7 @@ impl Motion {
             w_m_per_s: 0.0,
             v: vec![0.0; bench.hysterons.len()],
             drive_v: 0.0,
-            drives: bench.drives.iter().map(|part| part.begin(h_s)).collect(),
+            drives,
             forces: phases.collect(),
             follows: bench.follows.iter().map(|part| part.begin(h_s)).collect(),
             needs_corrector: bench.forces.iter().any(Force::feels_velocity),

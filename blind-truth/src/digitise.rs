@@ -25,6 +25,16 @@ pub(crate) enum Digitise {
     Spikes { m: f64, share: f64 },
     /// Jumps between +m and -m after random dwells: popcorn noise.
     Popcorn { m: f64, mean_s: f64 },
+    /// Student's t with a few degrees of freedom: white, with heavy tails.
+    HeavyTails { m: f64, degrees: u32 },
+    /// White noise whose size swings about its mean with twice the mains' frequency: an optical head under a lamp.
+    Lamp { m: f64, hz: f64, depth: f64 },
+    /// Random hits that each ring down: sparks and switches nearby; rms over all rows is `m`.
+    Crackle { m: f64, hits_per_s: f64, hz: f64, decay_s: f64 },
+    /// Noise of a converter that is slower than the rows: each draw stays for some of them.
+    Held { m: f64, rows: u32 },
+    /// White noise that grows with time to the given rms: an amplifier that warms.
+    Warming { m: f64, tau_s: f64 },
     /// Rounded to a lattice (anchors F19).
     Lattice { m: f64 },
     /// Cut downwards instead of rounded, with half a step added back on average.
@@ -35,6 +45,10 @@ pub(crate) enum Digitise {
     HeldCodes { m: f64, hold: f64 },
     /// A short floating-point number: the step halves with each octave below `full_m`, eight times.
     Floating { m: f64, full_m: f64 },
+    /// One code in `every` is missing: its readings show the one below.
+    MissingCodes { m: f64, every: u32 },
+    /// Rounded after a triangular dither of two steps' width.
+    Dithered { m: f64 },
     /// A lost row shows the running mean of those that came, over `rows`.
     Filled { probability: f64, rows: f64 },
     /// A lost row shows the one `rows` earlier, that its buffer still held; at most 12.
@@ -45,6 +59,14 @@ pub(crate) enum Digitise {
     Repeat { probability: f64 },
     /// Runs of `length` rows repeat the one before them.
     Burst { probability: f64, length: u32 },
+    /// Runs of lost rows go on along the line through the last two.
+    CarriedOn { probability: f64, length: u32 },
+    /// Runs of `length` rows repeat the one before them, at equal distances: another task that comes round.
+    Regular { share: f64, length: u32 },
+    /// For a while of `rows` only one row in `every` is a new one: a link that is busy.
+    Thinned { probability: f64, rows: u32, every: u32 },
+    /// A lost packet of `rows` shows the packet before once more; at most 12.
+    Replayed { probability: f64, rows: u32 },
 }
 
 impl Digitise {
@@ -72,9 +94,7 @@ impl Digitise {
             Digitise::Band { m: rms, hz, width_hz } => {
                 let radius = (-0.5 * TAU * width_hz * row.period_s).exp();
                 let (a, b) = (2.0 * radius * (TAU * hz * row.period_s).cos(), radius * radius);
-                // Variance of the recursion under unit white noise.
-                let variance = (1.0 + b) / ((1.0 - b) * ((1.0 + b) * (1.0 + b) - a * a));
-                let next = a * m[0] - b * m[1] + normal(rng) / variance.sqrt();
+                let next = a * m[0] - b * m[1] + normal(rng) / two_pole_variance(a, b).sqrt();
                 (m[0], m[1]) = (next, m[0]);
                 x + rms * next
             }
@@ -96,6 +116,38 @@ impl Digitise {
                 }
                 x + size * m[0]
             }
+            Digitise::HeavyTails { m: rms, degrees } => {
+                let square = (0..*degrees).map(|_| normal(rng).powi(2)).sum::<f64>();
+                // Unit variance: the ratio's own is n / (n - 2), with the n of the mean square gone already.
+                x + rms * normal(rng) * ((f64::from(*degrees) - 2.0) / square).sqrt()
+            }
+            Digitise::Lamp { m: rms, hz, depth } => {
+                if m[1] == 0.0 {
+                    (m[0], m[1]) = (rng.random::<f64>() * TAU, 1.0);
+                }
+                let light = 1.0 + depth * (TAU * 2.0 * hz * row.t_s + m[0]).sin();
+                x + rms * light / (1.0 + 0.5 * depth * depth).sqrt() * normal(rng)
+            }
+            Digitise::Crackle { m: rms, hits_per_s, hz, decay_s } => {
+                let radius = (-row.period_s / decay_s).exp();
+                let (a, b) = (2.0 * radius * (TAU * hz * row.period_s).cos(), radius * radius);
+                let share = (hits_per_s * row.period_s).min(1.0);
+                let hit = if rng.random::<f64>() < share { normal(rng) / share.sqrt() } else { 0.0 };
+                let next = a * m[0] - b * m[1] + hit / two_pole_variance(a, b).sqrt();
+                (m[0], m[1]) = (next, m[0]);
+                x + rms * next
+            }
+            Digitise::Held { m: rms, rows } => {
+                if m[1] < 0.5 {
+                    (m[0], m[1]) = (normal(rng), f64::from(*rows));
+                }
+                m[1] -= 1.0;
+                x + rms * m[0]
+            }
+            Digitise::Warming { m: rms, tau_s } => {
+                let share = -(-row.t_s.max(0.0) / tau_s).exp_m1();
+                x + rms * share.sqrt() * normal(rng)
+            }
             Digitise::Lattice { m: step } => (x / step).round() * step,
             Digitise::Truncation { m: step } => ((x / step).floor() + 0.5) * step,
             Digitise::UnevenCodes { m: step, skew } => {
@@ -115,6 +167,15 @@ impl Digitise {
                 let octave = (x.abs() / full_m).log2().ceil().clamp(-8.0, 1.0);
                 let step = step * octave.exp2();
                 (x / step).round() * step
+            }
+            Digitise::MissingCodes { m: step, every } => {
+                let code = (x / step).round();
+                let is_missing = code.rem_euclid(f64::from(*every)) == f64::from(*every - 1);
+                (if is_missing { code - 1.0 } else { code }) * step
+            }
+            Digitise::Dithered { m: step } => {
+                let dither = rng.random::<f64>() + rng.random::<f64>() - 1.0;
+                (x / step + dither).round() * step
             }
             Digitise::Filled { probability, rows } => {
                 if m[1] == 0.0 {
@@ -165,6 +226,50 @@ impl Digitise {
                 }
                 m[0]
             }
+            Digitise::CarriedOn { probability, length } => {
+                if m[2] == 0.0 && m[3] >= 2.0 && rng.random::<f64>() < *probability {
+                    m[2] = f64::from(*length);
+                }
+                let shown = if m[2] > 0.0 { 2.0 * m[0] - m[1] } else { x };
+                m[2] = (m[2] - 1.0).max(0.0);
+                m[3] += 1.0;
+                (m[0], m[1]) = (shown, m[0]);
+                shown
+            }
+            Digitise::Regular { share, length } => {
+                let apart = f64::from(*length) / share;
+                if m[1] == 0.0 {
+                    (m[0], m[1], m[2]) = (x, 1.0, apart * rng.random::<f64>());
+                }
+                m[2] = (m[2] + 1.0).rem_euclid(apart);
+                if m[2] >= f64::from(*length) {
+                    m[0] = x;
+                }
+                m[0]
+            }
+            Digitise::Thinned { probability, rows, every } => {
+                if m[2] > 0.0 {
+                    m[2] -= 1.0;
+                } else if rng.random::<f64>() < *probability {
+                    m[2] = f64::from(*rows) - 1.0;
+                }
+                if m[1] == 0.0 || m[2] == 0.0 || m[2] % f64::from(*every) == 0.0 {
+                    (m[0], m[1]) = (x, 1.0);
+                }
+                m[0]
+            }
+            Digitise::Replayed { probability, rows } => {
+                let (came, size) = (m[31] as usize, *rows as usize);
+                m[31] += 1.0;
+                if came % size == 0 {
+                    m[30] = f64::from(u8::from(came >= size && rng.random::<f64>() < *probability));
+                }
+                // What did not come leaves the buffer as it was.
+                if m[30] == 0.0 {
+                    m[came % size] = x;
+                }
+                m[came % size]
+            }
         }
     }
 }
@@ -189,6 +294,11 @@ impl Noise {
         }
         self.rms_m * (white + self.coloured_share.sqrt() * low_pass(state, self.corner_hz, row, rng))
     }
+}
+
+/// Variance of x = a x1 - b x2 + n under unit white noise n.
+fn two_pole_variance(a: f64, b: f64) -> f64 {
+    (1.0 + b) / ((1.0 - b) * ((1.0 + b) * (1.0 + b) - a * a))
 }
 
 /// Unit-variance first-order noise, exact for any period.

@@ -4,6 +4,8 @@
 //! an edge inside an interval costs no half step of delay. A part is a setting; what it remembers lives in `Memory`.
 
 use crate::structure::softplus;
+use rand::RngExt;
+use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
 /// What one part remembers during a run. A fixed array: no part needs more, and a run allocates nothing per step.
@@ -40,18 +42,42 @@ pub(crate) enum Drive {
     RoundClip { side: f64, level_v: f64, over_v: f64 },
     /// v = clip(u, +-L (1 - s w)), tau w' = |v|/L - w: rails that sag while the supply is loaded.
     SaggingClip { level_v: f64, share: f64, tau_s: f64 },
+    /// v = clip(u, +-L (1 - r (1 + sin(2 pi f t + phase))/2)): rails with the rectifier's ripple.
+    RippledClip { level_v: f64, share: f64, hz: f64 },
+    /// v = clip(u + z): z is what was cut last and goes with tau once the command comes back (overload recovery).
+    LateClip { level_v: f64, tau_s: f64 },
     /// v = g u, g by polarity: a push-pull stage whose halves differ.
     GainBySign { up: f64, down: f64 },
     /// v = u (1 + e (1 + r |u|/60 V)): a divider whose resistors have a voltage coefficient.
     VoltageCoefficient { error: f64, ratio: f64 },
+    /// v = u (1 + e) + e r s tanh(u/s): a class-AB stage, both halves of which conduct about zero.
+    Overlap { error: f64, ratio: f64, over_v: f64 },
+    /// v = u (1 + e) + e r max(0, |u| - U) sgn u: a stage that goes over to its upper rails (class G).
+    UpperRails { error: f64, ratio: f64, from_v: f64 },
+    /// v = u (1 + e (1 + r sin(2 pi f t + phase))): a gain set by a rippled supply.
+    RippledGain { error: f64, share: f64, hz: f64 },
+    /// v = u (1 + e (1 - r exp(-t/tau))): most of the error there at once, the rest as the feedback resistors warm.
+    SettlingGain { error: f64, share: f64, tau_s: f64 },
+    /// The gain error is by turns e and e (1 - r), for random dwells: a poor contact in the feedback.
+    FlickeringGain { error: f64, share: f64, mean_s: f64 },
+    /// v = u + a (sin(2 pi f t + p1) + harmonics 2 and 3): mains on the amplifier's output.
+    Hum { v: f64, hz: f64, second: f64, third: f64 },
     /// v = r u + (1 - r) lag of u: a lag that part of the command runs past (pole and zero).
     LeadLag { tau_s: f64, past: f64 },
     /// A lag that charges and discharges through different resistances.
     LagByDirection { up_s: f64, down_s: f64 },
     /// A lag whose load grows with the voltage, as a ceramic's capacitance does: tau (1 + m |v| / 60 V).
     GrowingLag { tau_s: f64, more: f64 },
+    /// tau v' = (u - v) (1 + |u - v|/U): a stage that is given more current for a large error.
+    HurriedLag { tau_s: f64, swing_v: f64 },
+    /// Lags in a row, the second and third being shares of the first: stages that each have their own corner.
+    ThreeLags { tau_s: f64, second: f64, third: f64 },
     /// v' bounded, away from zero the tighter the less head room is left: bound (1 - loss |v| / 66 V).
     SlewByLevel { limit_v_per_s: f64, loss: f64 },
+    /// v' bounded away from zero by `charge` and towards it by `discharge`: a supply that cannot take back what it gave.
+    SlewByCharge { charge_v_per_s: f64, discharge_v_per_s: f64 },
+    /// v' bounded by s (1 + |u - v|/U): a bound that gives way to a large error.
+    SlewByError { limit_v_per_s: f64, swing_v: f64 },
     /// v' bounded by s (1 + boost r), tau r' = 1 - r - (share of the bound in use): short edges are faster.
     SlewReserve { limit_v_per_s: f64, boost: f64, tau_s: f64 },
     /// All-pass of second order (Pade) with the given delay.
@@ -129,10 +155,26 @@ pub(crate) fn second_order(x: &mut f64, rate: &mut f64, u: f64, w: f64, z: f64, 
 }
 
 impl Drive {
-    /// Memory at rest at `u0_v`, with step-dependent constants filled in.
-    pub(crate) fn begin(&self, h_s: f64) -> Memory {
+    /// Memory at rest, with step-dependent constants filled in; phases and dwells that differ per log are drawn here.
+    pub(crate) fn begin(&self, h_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
+            Drive::RippledGain { .. } | Drive::RippledClip { .. } => memory[1] = rng.random::<f64>() * TAU,
+            Drive::Hum { .. } => memory[1..4].fill_with(|| rng.random::<f64>() * TAU),
+            Drive::FlickeringGain { mean_s, .. } => {
+                // The moments at which it changes over; after the last it stays.
+                let mut at_s = 0.0;
+                memory[2..].fill_with(|| {
+                    at_s -= mean_s * (1.0 - rng.random::<f64>()).ln();
+                    at_s
+                });
+            }
+            Drive::ThreeLags { tau_s, second, third } => {
+                for (at, share) in [1.0, *second, *third].into_iter().enumerate() {
+                    memory[3 + 5 * at] = (-h_s / (share * tau_s)).exp();
+                    memory[4 + 5 * at] = h_s;
+                }
+            }
             Drive::Lag { tau_s }
             | Drive::TimeWarming { tau_s, .. }
             | Drive::PowerWarming { tau_s, .. }
@@ -196,8 +238,56 @@ impl Drive {
                 m[0] += (v.abs() / level_v - m[0]) * (h_s / tau_s);
                 v
             }
+            Drive::RippledClip { level_v, share, hz } => {
+                let ripple = 0.5 * (1.0 + (TAU * hz * middle_of(m, h_s) + m[1]).sin());
+                let now_v = level_v * (1.0 - share * ripple);
+                u.clamp(-now_v, now_v)
+            }
+            Drive::LateClip { level_v, tau_s } => {
+                let excess_v = u - u.clamp(-level_v, *level_v);
+                if excess_v.abs() >= m[0].abs() {
+                    m[0] = excess_v;
+                } else {
+                    m[0] += (excess_v - m[0]) * (1.0 - (-h_s / tau_s).exp());
+                }
+                (u + m[0]).clamp(-level_v, *level_v)
+            }
             Drive::GainBySign { up, down } => u * if u >= 0.0 { up } else { down },
             Drive::VoltageCoefficient { error, ratio } => u * (1.0 + error * (1.0 + ratio * u.abs() / 60.0)),
+            Drive::Overlap { error, ratio, over_v } => u * (1.0 + error) + error * ratio * over_v * (u / over_v).tanh(),
+            Drive::UpperRails { error, ratio, from_v } => {
+                u * (1.0 + error) + error * ratio * (u - u.clamp(-from_v, *from_v))
+            }
+            Drive::RippledGain { error, share, hz } => {
+                u * (1.0 + error * (1.0 + share * (TAU * hz * middle_of(m, h_s) + m[1]).sin()))
+            }
+            Drive::SettlingGain { error, share, tau_s } => {
+                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s) / tau_s).exp()))
+            }
+            Drive::FlickeringGain { error, share, .. } => {
+                let t_s = middle_of(m, h_s);
+                let changes = m[2..].iter().filter(|at_s| **at_s < t_s).count();
+                u * (1.0 + error * if changes % 2 == 0 { 1.0 } else { 1.0 - share })
+            }
+            Drive::Hum { v, hz, second, third } => {
+                let angle = TAU * hz * middle_of(m, h_s);
+                let harmonics = second * (2.0 * angle + m[2]).sin() + third * (3.0 * angle + m[3]).sin();
+                u + v * ((angle + m[1]).sin() + harmonics)
+            }
+            Drive::ThreeLags { tau_s, second, third } => {
+                let mut v = u;
+                for (at, share) in [1.0, *second, *third].into_iter().enumerate() {
+                    // Each lag's state, decay and step lie as `lag` wants them.
+                    v = lag(&mut m[5 * at..], v, share * tau_s, h_s);
+                }
+                v
+            }
+            Drive::HurriedLag { tau_s, swing_v } => {
+                let rate_at = |v: f64| (u - m[0]) / (tau_s / (1.0 + (u - v).abs() / swing_v) + 0.5 * h_s);
+                // The error halfway through the step.
+                let middle_v = m[0] + 0.5 * h_s * rate_at(m[0]);
+                advance(m, rate_at(middle_v) * h_s)
+            }
             Drive::LeadLag { tau_s, past } => past * u + (1.0 - past) * lag(m, u, *tau_s, h_s),
             Drive::LagByDirection { up_s, down_s } => {
                 let tau_s = if u >= m[0] { up_s } else { down_s };
@@ -217,6 +307,20 @@ impl Drive {
                     wish.clamp(-most, most)
                 };
                 // The room halfway through the step.
+                let middle_v = m[0] + 0.5 * change(m[0]);
+                advance(m, change(middle_v))
+            }
+            Drive::SlewByCharge { charge_v_per_s, discharge_v_per_s } => {
+                // Through zero the step is a discharge first; what it overshoots by is less than a step's charge.
+                let limit = if (u - m[0]) * m[0] >= 0.0 { charge_v_per_s } else { discharge_v_per_s };
+                advance(m, (u - m[0]).clamp(-limit * h_s, limit * h_s))
+            }
+            Drive::SlewByError { limit_v_per_s, swing_v } => {
+                let change = |v: f64| {
+                    let most = limit_v_per_s * (1.0 + (u - v).abs() / swing_v) * h_s;
+                    (u - m[0]).clamp(-most, most)
+                };
+                // The error halfway through the step.
                 let middle_v = m[0] + 0.5 * change(m[0]);
                 advance(m, change(middle_v))
             }
@@ -292,12 +396,18 @@ impl Drive {
 }
 
 /// Exact first-order lag, its decay over the usual step kept in `m[3]`; returns the mean over the step.
-fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
+fn lag(m: &mut [f64], u: f64, tau_s: f64, h_s: f64) -> f64 {
     let decay = if h_s == m[4] { m[3] } else { (-h_s / tau_s).exp() };
     let change = (m[0] - u) * (decay - 1.0);
     m[0] += change;
     // The integral of the lag's own equation: mean = u - tau (end - start) / h.
     u - tau_s * change / h_s
+}
+
+/// Advances the clock in `m[0]` and returns the time in the middle of the step.
+fn middle_of(m: &mut Memory, h_s: f64) -> f64 {
+    m[0] += h_s;
+    m[0] - 0.5 * h_s
 }
 
 fn advance(m: &mut Memory, change: f64) -> f64 {

@@ -38,6 +38,8 @@ pub(crate) enum Follow {
     DraggedMode { share: f64, hz: f64, damping_ratio: f64 },
     /// As `DriveMode`, on a spring that hardens: w^2 grows by (s/at)^2.
     HardeningMode { m_per_v: f64, hz: f64, damping_ratio: f64, at_v: f64 },
+    /// A lag whose time constant grows along the stroke, tau (1 + c x): a head that gets less light the farther it is.
+    LagByStroke { tau_s: f64, per_m: f64 },
     /// The reading sticks until the target has moved by `break_m`, then jumps to it (foreign).
     Stiction { break_m: f64 },
 }
@@ -132,6 +134,13 @@ impl Follow {
                 let shape = follow(m, force_v, TAU * hz * stiffer, damping_ratio / stiffer, h_s) + 0.5 * h_s * m[1];
                 x + m_per_v * shape
             }
+            Follow::LagByStroke { tau_s, per_m } => {
+                let mean = 0.5 * (m[1] + x);
+                m[1] = x;
+                let here_s = tau_s * (1.0 + per_m * mean).max(0.1);
+                m[0] += (mean - m[0]) * h_s / (here_s + 0.5 * h_s);
+                m[0]
+            }
             Follow::Stiction { break_m } => {
                 if (x - m[0]).abs() > *break_m {
                     m[0] = x;
@@ -166,8 +175,18 @@ pub(crate) enum Measure {
     Offset(f64),
     /// y = (1 + e (1 - r exp(-t/tau))) x: a gain error that settles after switching on.
     SettlingGain { error: f64, share: f64, tau_s: f64 },
+    /// y = g x, g by polarity: one half bridge of two is off by more.
+    GainBySign { up: f64, down: f64 },
+    /// y = (1 + e (1 + r sin(2 pi t/P + phase))) x: a reference voltage that breathes.
+    BreathingGain { error: f64, share: f64, period_s: f64 },
+    /// A gain error that becomes another one at a random moment t1 <= `within_s`: a range switch that makes poor contact.
+    SteppedGain { error: f64, later: f64, within_s: f64 },
+    /// y = (1 + e (1 - r A)) x, tau A' = |x|/S - A: an automatic control of the carrier that gives in while deflected.
+    ControlledGain { error: f64, share: f64, tau_s: f64 },
     /// The offset is another one in each log, about `m`: the sensor was zeroed anew.
     OffsetPerLog { m: f64, spread_m: f64 },
+    /// y = x + o, with o either 0 or this, after random dwells: a contact that chatters.
+    Chatter { m: f64, mean_s: f64 },
     /// y = x + c2 x^2 + c3 x^3 (anchors F21); c2 in 1/m, c3 in 1/m^2.
     Polynomial { c2: f64, c3: f64 },
     /// y = x + c4 x^4 + c5 x^5: what a correction of third degree leaves; c4 in 1/m^3, c5 in 1/m^4.
@@ -182,6 +201,10 @@ pub(crate) enum Measure {
     Compression { level_m: f64, centre_m: f64 },
     /// y = x + a sin(2 pi x/p): an interpolating encoder's periodic error.
     Ripple { m: f64, period_m: f64 },
+    /// Steps where a converter's upper bits carry: at `at_m`, and half as high a pitch away on either side.
+    Carries { m: f64, at_m: f64, pitch_m: f64 },
+    /// y = x + r w tanh(x/w): the slope about zero is another one, as where a differential coil is balanced.
+    Hollow { share: f64, width_m: f64 },
     /// y = x + r t.
     LinearDrift { m_per_s: f64 },
     /// y = x + a (1 - exp(-t/tau)): a warming body (anchors F24).
@@ -192,12 +215,24 @@ pub(crate) enum Measure {
     SwingDrift { m: f64, period_s: f64 },
     /// y = x + a (1 - exp(-(t - t1)/tau)) from a random moment t1 <= `within_s` on: a clamp that slips once.
     Slip { m: f64, tau_s: f64, within_s: f64 },
+    /// y = x + a log10(1 + t/t0): a joint that goes on settling after it was tightened.
+    LogDrift { m_per_decade: f64, from_s: f64 },
+    /// y = x + a (1 - (1 + t/tau) exp(-t/tau)): heat that comes through another body first.
+    LateDrift { m: f64, tau_s: f64 },
+    /// y = x + r (t - t1) from a random moment t1 <= `within_s` on: a door was opened.
+    DriftFrom { m_per_s: f64, within_s: f64 },
+    /// Small steps the same way after random dwells: a joint that gives way in jerks.
+    Jerks { m: f64, mean_s: f64 },
+    /// A heater that is switched on for a share of each period: rise and fall are exponentials.
+    Thermostat { m: f64, period_s: f64, on_share: f64 },
     /// y = x + a random walk of the given size after one second.
     RandomWalk { m_per_root_s: f64 },
     /// Mains lines: amplitude at the mains' frequency, ratios of the harmonics 2, 3 and 5 (anchors F25).
     Hum { m: f64, hz: f64, second: f64, third: f64, fifth: f64 },
     /// A mains line with third harmonic whose phase swings: a grid that is not quite at its frequency.
     LooseHum { m: f64, hz: f64, third: f64, swing_rad: f64, swing_s: f64 },
+    /// A mains line with third harmonic that waxes and wanes: a machine nearby whose load changes.
+    SwellingHum { m: f64, hz: f64, third: f64, depth: f64, swell_hz: f64 },
     /// A jump in each half wave that dies out with exp(-k) before the next: a phase-cut dimmer or a rectifier's diodes.
     CutHum { m: f64, hz: f64, decay: f64 },
     /// y = (1 - w) x + w mean of the last n rows: digital smoothing; at most 30 rows.
@@ -226,9 +261,16 @@ impl Measure {
         let mut memory = [0.0; 32];
         match self {
             Measure::Creep(chain) | Measure::SquareCreep(chain) => return chain.begin(period_s),
-            Measure::SwingDrift { .. } | Measure::CutHum { .. } => memory[0] = rng.random::<f64>() * TAU,
-            Measure::LooseHum { .. } => memory[0..3].fill_with(|| rng.random::<f64>() * TAU),
-            Measure::Slip { within_s, .. } => memory[0] = rng.random::<f64>() * within_s,
+            Measure::SwingDrift { .. } | Measure::CutHum { .. } | Measure::BreathingGain { .. } => {
+                memory[0] = rng.random::<f64>() * TAU;
+            }
+            Measure::Thermostat { .. } => memory[0] = rng.random::<f64>(),
+            Measure::LooseHum { .. } | Measure::SwellingHum { .. } => {
+                memory[0..3].fill_with(|| rng.random::<f64>() * TAU)
+            }
+            Measure::Slip { within_s, .. }
+            | Measure::DriftFrom { within_s, .. }
+            | Measure::SteppedGain { within_s, .. } => memory[0] = rng.random::<f64>() * within_s,
             Measure::Hum { .. } => {
                 memory[0] = rng.random::<f64>() * TAU;
                 memory[1] = rng.random::<f64>() * TAU;
@@ -249,8 +291,23 @@ impl Measure {
             Measure::Gain(gain) => gain * x,
             Measure::GainPerLog { .. } => m[0] * x,
             Measure::SettlingGain { error, share, tau_s } => x * (1.0 + error * (1.0 - share * (-t_s / tau_s).exp())),
+            Measure::GainBySign { up, down } => x * if x >= 0.0 { up } else { down },
+            Measure::BreathingGain { error, share, period_s } => {
+                x * (1.0 + error * (1.0 + share * (TAU * t_s / period_s + m[0]).sin()))
+            }
+            Measure::SteppedGain { error, later, .. } => x * (1.0 + if t_s < m[0] { error } else { later }),
+            Measure::ControlledGain { error, share, tau_s } => {
+                m[0] += (x.abs() / CREEP_STROKE_M - m[0]) * (row.period_s / tau_s);
+                x * (1.0 + error * (1.0 - share * m[0]))
+            }
             Measure::Offset(offset) => x + offset,
             Measure::OffsetPerLog { .. } => x + m[0],
+            Measure::Chatter { m: size, mean_s } => {
+                if row.t_s > 0.0 && rng.random::<f64>() < row.period_s / mean_s {
+                    m[0] = 1.0 - m[0];
+                }
+                x + size * m[0]
+            }
             Measure::Polynomial { c2, c3 } => x + c2 * x * x + c3 * x * x * x,
             Measure::HighPolynomial { c4, c5 } => x + x * x * x * x * (c4 + c5 * x),
             Measure::Table { error_m, pitch_m } => {
@@ -269,11 +326,31 @@ impl Measure {
                 level_m * (((x - centre_m) / level_m).tanh() + at) / (1.0 - at * at)
             }
             Measure::Ripple { m: size, period_m } => x + size * (TAU * x / period_m).sin(),
+            Measure::Carries { m: size, at_m, pitch_m } => {
+                let carry = |x: f64, at: f64| if x >= at { 1.0 } else { 0.0 };
+                let sum = |x: f64| carry(x, *at_m) + 0.5 * (carry(x, at_m - pitch_m) + carry(x, at_m + pitch_m));
+                x + size * (sum(x) - sum(0.0))
+            }
+            Measure::Hollow { share, width_m } => x + share * width_m * (x / width_m).tanh(),
             Measure::LinearDrift { m_per_s } => x + m_per_s * t_s,
             Measure::ThermalDrift { m: size, tau_s } => x - size * (-t_s / tau_s).exp_m1(),
             Measure::RootDrift { m_per_root_s } => x + m_per_root_s * t_s.sqrt(),
             Measure::SwingDrift { m: size, period_s } => x + size * ((TAU * t_s / period_s + m[0]).sin() - m[0].sin()),
             Measure::Slip { m: size, tau_s, .. } => x - size * (-(t_s - m[0]).max(0.0) / tau_s).exp_m1(),
+            Measure::LogDrift { m_per_decade, from_s } => {
+                x + m_per_decade * (t_s / from_s).ln_1p() / std::f64::consts::LN_10
+            }
+            Measure::LateDrift { m: size, tau_s } => x + size * (1.0 - (1.0 + t_s / tau_s) * (-t_s / tau_s).exp()),
+            Measure::DriftFrom { m_per_s, .. } => x + m_per_s * (t_s - m[0]).max(0.0),
+            Measure::Jerks { m: size, mean_s } => {
+                if row.t_s > 0.0 && rng.random::<f64>() < row.period_s / mean_s {
+                    m[0] += size * (0.5 + rng.random::<f64>());
+                }
+                x + m[0]
+            }
+            Measure::Thermostat { m: size, period_s, on_share } => {
+                x + size * (heated(t_s / period_s + m[0], *on_share) - heated(m[0], *on_share))
+            }
             Measure::RandomWalk { m_per_root_s } => {
                 if row.t_s >= 0.0 {
                     m[0] += m_per_root_s * row.period_s.sqrt() * normal(rng);
@@ -288,6 +365,11 @@ impl Measure {
             Measure::LooseHum { m: size, hz, third, swing_rad, swing_s } => {
                 let angle = TAU * hz * row.t_s + swing_rad * (TAU * row.t_s / swing_s + m[1]).sin() + m[0];
                 x + size * (angle.sin() + third * (3.0 * angle + m[2]).sin())
+            }
+            Measure::SwellingHum { m: size, hz, third, depth, swell_hz } => {
+                let angle = TAU * hz * row.t_s + m[0];
+                let swell = 1.0 + depth * (TAU * swell_hz * row.t_s + m[1]).sin();
+                x + size * swell * (angle.sin() + third * (3.0 * angle + m[2]).sin())
             }
             Measure::CutHum { m: size, hz, decay } => {
                 let half_waves = 2.0 * hz * row.t_s + m[0];
@@ -325,7 +407,15 @@ impl Measure {
     }
 }
 
-/// Stroke at which `SquareCreep` is as large as `Creep`.
+/// Temperature between 0 and 1 under a heater that is on for the first `on_share` of each turn.
+fn heated(turns: f64, on_share: f64) -> f64 {
+    const STEEP: f64 = 1.5;
+    let turn = turns.rem_euclid(1.0);
+    let risen = |share: f64| (-STEEP * share).exp_m1() / (-STEEP).exp_m1();
+    if turn < on_share { risen(turn / on_share) } else { 1.0 - risen((turn - on_share) / (1.0 - on_share)) }
+}
+
+/// Stroke at which `SquareCreep` is as large as `Creep`, and that `ControlledGain` is relative to.
 const CREEP_STROKE_M: f64 = 100e-6;
 
 /// A standard normal draw.

@@ -2,6 +2,7 @@
 
 use super::{C, CR, DC, DCR, DR, Form, Planted, R, STROKE_M, log_uniform, sign};
 use crate::digitise::Digitise;
+use crate::drive::Drive;
 use crate::effects::EffectId::*;
 use crate::nominal::static_gain_m_per_v;
 use crate::sensor::Measure;
@@ -18,6 +19,11 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: NoiseExcess, name: "shaped away from low frequencies", splits: C, draw: shaped },
     Form { effect: NoiseExcess, name: "single rows hit", splits: C, draw: spikes },
     Form { effect: NoiseExcess, name: "popcorn", splits: C, draw: popcorn },
+    Form { effect: NoiseExcess, name: "white, with heavy tails", splits: C, draw: heavy_tails },
+    Form { effect: NoiseExcess, name: "swinging with a lamp's light", splits: C, draw: lamp },
+    Form { effect: NoiseExcess, name: "crackle that rings down", splits: C, draw: crackle },
+    Form { effect: NoiseExcess, name: "each draw stays for some rows", splits: C, draw: held_noise },
+    Form { effect: NoiseExcess, name: "white, growing as an amplifier warms", splits: C, draw: warming_noise },
     Form { effect: MainsHum, name: "50 Hz with harmonics", splits: DC, draw: |rng| hum(rng, 50.0) },
     Form { effect: MainsHum, name: "60 Hz with harmonics", splits: DR, draw: |rng| hum(rng, 60.0) },
     Form { effect: MainsHum, name: "50 Hz behind a rectifier", splits: C, draw: hum_rectified },
@@ -25,6 +31,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: MainsHum, name: "50 Hz of a loose grid", splits: C, draw: hum_loose },
     Form { effect: MainsHum, name: "50 Hz, phase cut", splits: C, draw: hum_cut },
     Form { effect: MainsHum, name: "100 Hz of a transformer, as a force", splits: C, draw: hum_force },
+    Form { effect: MainsHum, name: "60 Hz in swells", splits: C, draw: hum_swelling },
+    Form { effect: MainsHum, name: "50 Hz on the drive's voltage", splits: C, draw: hum_drive },
     Form { effect: Quantisation, name: "sensor's converter", splits: DCR, draw: lattice },
     Form { effect: Quantisation, name: "command's converter", splits: CR, draw: dac },
     Form { effect: Quantisation, name: "sensor's converter, truncating", splits: R, draw: truncation },
@@ -32,6 +40,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: Quantisation, name: "sensor's converter, codes that hold on", splits: C, draw: held_codes },
     Form { effect: Quantisation, name: "short floating-point number", splits: C, draw: floating },
     Form { effect: Quantisation, name: "both converters", splits: C, draw: both_converters },
+    Form { effect: Quantisation, name: "sensor's converter, some codes missing", splits: C, draw: missing_codes },
+    Form { effect: Quantisation, name: "sensor's converter, dithered", splits: C, draw: dithered },
 ];
 
 /// Excess over the data sheet's rms: less cannot be told from its 10 % sigma, more is no noise any more.
@@ -201,4 +211,84 @@ fn both_converters(rng: &mut Pcg64) -> Planted {
     })
     .with("command_over_sensor", ratio)
     .band(LATTICE.0, LATTICE.1)
+}
+
+fn heavy_tails(rng: &mut Pcg64) -> Planted {
+    let degrees = rng.random_range(3..=5);
+    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::HeavyTails { m: a, degrees }))
+        .with("degrees_of_freedom", f64::from(degrees))
+        .band(EXCESS.0, EXCESS.1)
+}
+
+fn lamp(rng: &mut Pcg64) -> Planted {
+    let (hz, depth) = (if rng.random::<bool>() { 50.0 } else { 60.0 }, rng.random_range(0.5..1.0));
+    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Lamp { m: a, hz, depth }))
+        .with("mains_hz", hz)
+        .with("depth", depth)
+        .band(EXCESS.0, EXCESS.1)
+}
+
+fn crackle(rng: &mut Pcg64) -> Planted {
+    let (hits_per_s, hz) = (log_uniform(rng, 30.0, 300.0), log_uniform(rng, 400.0, 3000.0));
+    let decay_s = log_uniform(rng, 3e-4, 2e-3);
+    Planted::new("rms_m", EXCESS_M, move |a, bench| {
+        bench.digitises.push(Digitise::Crackle { m: a, hits_per_s, hz, decay_s });
+    })
+    .with("hits_per_s", hits_per_s)
+    .with("hz", hz)
+    .with("decay_s", decay_s)
+    .band(EXCESS.0, EXCESS.1)
+}
+
+fn held_noise(rng: &mut Pcg64) -> Planted {
+    let rows = rng.random_range(2..=8);
+    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Held { m: a, rows }))
+        .with("rows", f64::from(rows))
+        .band(EXCESS.0, EXCESS.1)
+}
+
+fn warming_noise(rng: &mut Pcg64) -> Planted {
+    let tau_s = log_uniform(rng, 0.1, 1.5);
+    Planted::new("rms_in_the_end_m", EXCESS_M, move |a, bench| {
+        bench.digitises.push(Digitise::Warming { m: a, tau_s });
+    })
+    .with("tau_s", tau_s)
+    .band(EXCESS.0, EXCESS.1)
+}
+
+fn hum_swelling(rng: &mut Pcg64) -> Planted {
+    let (third, depth) = (rng.random_range(0.1..0.4), rng.random_range(0.3..0.8));
+    let swell_hz = log_uniform(rng, 0.3, 3.0);
+    Planted::new("amplitude_m", (5e-9, 2e-6), move |a, bench| {
+        bench.measures.push(Measure::SwellingHum { m: a, hz: 60.0, third, depth, swell_hz });
+    })
+    .with("third", third)
+    .with("depth", depth)
+    .with("swell_hz", swell_hz)
+    .band(HUM.0, HUM.1)
+}
+
+fn hum_drive(rng: &mut Pcg64) -> Planted {
+    // A ripple of the rails has twice the mains' frequency beside its pick-up at once.
+    let (second, third) = (rng.random_range(0.1..0.6), rng.random_range(0.0..0.3));
+    Planted::new("amplitude_V", (1e-3, 1.0), move |a, bench| {
+        bench.drives.push(Drive::Hum { v: a, hz: 50.0, second, third });
+    })
+    .with("second", second)
+    .with("third", third)
+    .band(HUM.0, HUM.1)
+}
+
+fn missing_codes(rng: &mut Pcg64) -> Planted {
+    let every = rng.random_range(3..=8);
+    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| {
+        bench.digitises.push(Digitise::MissingCodes { m: a, every });
+    })
+    .with("one_in", f64::from(every))
+    .band(LATTICE.0, LATTICE.1)
+}
+
+fn dithered(_: &mut Pcg64) -> Planted {
+    Planted::new("step_m", (2e-8, 2e-6), |a, bench| bench.digitises.push(Digitise::Dithered { m: a }))
+        .band(LATTICE.0, LATTICE.1)
 }
