@@ -133,6 +133,10 @@ pub(crate) enum History {
     JustRang { volts: f64, hz: f64, rest_s: f64 },
     /// A stairway back from one excursion, each step as long as the rest.
     JustClimbed { volts: f64, steps: u32, rest_s: f64 },
+    /// A straight way back from one excursion within `ramp_s`, then a short rest.
+    JustRamped { volts: f64, ramp_s: f64, rest_s: f64 },
+    /// Random levels a few milliseconds each, the last one a large one, then a short rest.
+    JustShaken { volts: f64, rest_s: f64 },
 }
 
 /// Disturbance of row 0; signs are drawn per log.
@@ -299,7 +303,8 @@ fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, wand
     } else if timing.clock_sync_s > 0.0 {
         timing.clock_error * since_s.rem_euclid(timing.clock_sync_s)
     } else if let Some((share, tau_s)) = timing.clock_settling {
-        timing.clock_error * (since_s + share * tau_s * (-since_s.max(0.0) / tau_s).exp_m1())
+        let warm_s = since_s.max(0.0);
+        timing.clock_error * (since_s - share * (warm_s + tau_s * (-warm_s / tau_s).exp_m1()))
     } else {
         timing.clock_error * since_s
     };
@@ -361,6 +366,22 @@ fn history(history: History, rest_v: f64, period_s: f64, rng: &mut Pcg64) -> Vec
             let turns = 4.0 + half + rng.random_range(0.12..0.38);
             let sine = |k: usize| (TAU * hz * k as f64 * period_s).sin();
             command_v.extend((0..rows(turns / hz)).map(|k| rest_v + volts * sine(k)));
+            rest_s
+        }
+        History::JustRamped { volts, ramp_s, rest_s } => {
+            let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+            command_v.extend(std::iter::repeat_n(rest_v + sign * volts, rows(0.05)));
+            let n = rows(ramp_s);
+            command_v.extend((0..n).map(|k| rest_v + sign * volts * (1.0 - k as f64 / n as f64)));
+            rest_s
+        }
+        History::JustShaken { volts, rest_s } => {
+            for _ in 0..12 {
+                let level_v = volts * (2.0 * rng.random::<f64>() - 1.0);
+                command_v.extend(std::iter::repeat_n(rest_v + level_v, rows(rng.random_range(2e-3..6e-3))));
+            }
+            let last_v = volts * rng.random_range(0.6..1.0) * if rng.random::<bool>() { 1.0 } else { -1.0 };
+            command_v.extend(std::iter::repeat_n(rest_v + last_v, rows(rng.random_range(4e-3..8e-3))));
             rest_s
         }
         History::JustClimbed { volts, steps, rest_s } => {

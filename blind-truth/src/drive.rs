@@ -70,8 +70,8 @@ pub(crate) enum Drive {
     GrowingLag { tau_s: f64, more: f64 },
     /// tau v' = (u - v) (1 + |u - v|/U): a stage that is given more current for a large error.
     HurriedLag { tau_s: f64, swing_v: f64 },
-    /// Lags in a row, the second and third being shares of the first: stages that each have their own corner.
-    ThreeLags { tau_s: f64, second: f64, third: f64 },
+    /// A lag with tau (1 + m / (1 + (v/s)^2)): a class-B stage, starved where its halves take over from each other.
+    CrossoverLag { tau_s: f64, more: f64, over_v: f64 },
     /// v' bounded, away from zero the tighter the less head room is left: bound (1 - loss |v| / 66 V).
     SlewByLevel { limit_v_per_s: f64, loss: f64 },
     /// v' bounded away from zero by `charge` and towards it by `discharge`: a supply that cannot take back what it gave.
@@ -90,6 +90,20 @@ pub(crate) enum Drive {
     SkewedStop { share: f64, edge_v: f64 },
     /// v = u + a max(0, u - at) for one polarity: Kuhnen's one-sided dead zone.
     OneSided { side: f64, slope: f64, at_v: f64 },
+    /// v = u + a p^2 / 60 V, p the play of u: strain that goes with the square of a polarisation with its own loop.
+    Butterfly { share: f64, edge_v: f64 },
+    /// v = u + a (w - w0), w0 a play and w the same whose way back is bent by u^2: Prandtl-Ishlinskii with an envelope
+    /// for each branch.
+    BentPlay { share: f64, edge_v: f64, bend: f64 },
+    /// v = u - a stop(max(0, u)) for one polarity: domains that switch under one sign only.
+    OneSidedLoop { side: f64, share: f64, edge_v: f64 },
+    /// v = u - a (z - z0), z0' = u' - |u'| z0/s and z the same with another s for each way: Duhem.
+    SkewedDuhem { share: f64, over_v: f64, skew: f64 },
+    /// v = u - a z, z' = u' - ((1 - c) |u'| z + c u' |z|)/s: Bouc and Wen.
+    BoucWen { share: f64, over_v: f64, shape: f64 },
+    /// v = u + a (w - w0), w0 a play and w the same whose edge grows with |u'|, smoothed: rate-dependent
+    /// Prandtl-Ishlinskii without its part at rest.
+    RatePlay { share: f64, edge_v: f64, more_s_per_v: f64 },
     /// v = u - a sum w_i stop_i(u): Prandtl-Ishlinskii on the voltage; pairs of weight and edge in volts.
     Plays { share: f64, plays: Vec<(f64, f64)> },
     /// v = u + a mean of relays that follow the sign of u beyond +-h_i, h_i from `from_v` to `to_v`: Preisach.
@@ -102,6 +116,10 @@ pub(crate) enum Drive {
     LeakWarming { gain: f64, tau_s: f64 },
     /// v = u (1 + a (sin(2 pi t/P + phase) - sin phase)): a room that warms and cools.
     RoomSwing { gain: f64, period_s: f64, phase_rad: f64 },
+    /// v = u (1 + a (1 - (1 + t/tau) exp(-t/tau))): heat that comes through another body first.
+    LateWarming { gain: f64, tau_s: f64 },
+    /// v = u (1 + a (1 - exp(-(t - t1)/tau))) from a random moment t1 <= `within_s` on: a fan that is switched on.
+    WarmingFrom { gain: f64, tau_s: f64, within_s: f64 },
     /// v = u (1 - p log10(1 + t/t0)): loss of polarisation (anchors F9).
     Ageing { per_decade: f64, t0_s: f64 },
     /// v = u + sum of lags of u with weights g_i: creep that pushes the structure.
@@ -160,6 +178,7 @@ impl Drive {
         let mut memory = [0.0; 32];
         match self {
             Drive::RippledGain { .. } | Drive::RippledClip { .. } => memory[1] = rng.random::<f64>() * TAU,
+            Drive::WarmingFrom { within_s, .. } => memory[1] = rng.random::<f64>() * within_s,
             Drive::Hum { .. } => memory[1..4].fill_with(|| rng.random::<f64>() * TAU),
             Drive::FlickeringGain { mean_s, .. } => {
                 // The moments at which it changes over; after the last it stays.
@@ -168,12 +187,6 @@ impl Drive {
                     at_s -= mean_s * (1.0 - rng.random::<f64>()).ln();
                     at_s
                 });
-            }
-            Drive::ThreeLags { tau_s, second, third } => {
-                for (at, share) in [1.0, *second, *third].into_iter().enumerate() {
-                    memory[3 + 5 * at] = (-h_s / (share * tau_s)).exp();
-                    memory[4 + 5 * at] = h_s;
-                }
             }
             Drive::Lag { tau_s }
             | Drive::TimeWarming { tau_s, .. }
@@ -274,13 +287,14 @@ impl Drive {
                 let harmonics = second * (2.0 * angle + m[2]).sin() + third * (3.0 * angle + m[3]).sin();
                 u + v * ((angle + m[1]).sin() + harmonics)
             }
-            Drive::ThreeLags { tau_s, second, third } => {
-                let mut v = u;
-                for (at, share) in [1.0, *second, *third].into_iter().enumerate() {
-                    // Each lag's state, decay and step lie as `lag` wants them.
-                    v = lag(&mut m[5 * at..], v, share * tau_s, h_s);
-                }
-                v
+            Drive::CrossoverLag { tau_s, more, over_v } => {
+                let rate_at = |v: f64| {
+                    let share = v / over_v;
+                    (u - m[0]) / (tau_s * (1.0 + more / (1.0 + share * share)) + 0.5 * h_s)
+                };
+                // The place halfway through the step.
+                let middle_v = m[0] + 0.5 * h_s * rate_at(m[0]);
+                advance(m, rate_at(middle_v) * h_s)
             }
             Drive::HurriedLag { tau_s, swing_v } => {
                 let rate_at = |v: f64| (u - m[0]) / (tau_s / (1.0 + (u - v).abs() / swing_v) + 0.5 * h_s);
@@ -355,6 +369,44 @@ impl Drive {
                 u + share * u * (u - m[0]) / edge_v
             }
             Drive::OneSided { side, slope, at_v } => u + side * slope * (side * u - at_v).max(0.0),
+            Drive::Butterfly { share, edge_v } => {
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                u + share * m[0] * m[0] / 60.0
+            }
+            Drive::BentPlay { share, edge_v, bend } => {
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                // The bend stays within the width, or the branches would cross.
+                let back_v = (u + edge_v + bend * u * u / 60.0).max(u - edge_v);
+                m[1] = m[1].clamp(u - edge_v, back_v);
+                u + share * (m[1] - m[0])
+            }
+            Drive::OneSidedLoop { side, share, edge_v } => {
+                let one = (side * u).max(0.0);
+                m[0] = m[0].clamp(one - edge_v, one + edge_v);
+                u - side * share * (one - m[0])
+            }
+            Drive::SkewedDuhem { share, over_v, skew } => {
+                let change_v = u - m[2];
+                m[2] = u;
+                m[0] = duhem(m[0], change_v, *over_v, *over_v);
+                m[1] = duhem(m[1], change_v, over_v * (1.0 + skew), over_v * (1.0 - skew));
+                u - share * (m[1] - m[0])
+            }
+            Drive::BoucWen { share, over_v, shape } => {
+                m[0] = bouc_wen(m[0], u - m[2], *over_v, *shape);
+                m[2] = u;
+                u - share * m[0]
+            }
+            Drive::RatePlay { share, edge_v, more_s_per_v } => {
+                const SMOOTH_S: f64 = 3e-4;
+                m[3] += ((u - m[2]) / h_s - m[3]) * -(-h_s / SMOOTH_S).exp_m1();
+                m[2] = u;
+                // A step's rate has no bound; a ceramic's threshold has.
+                let now_v = edge_v * (1.0 + more_s_per_v * m[3].abs()).min(3.0);
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                m[1] = m[1].clamp(u - now_v, u + now_v);
+                u + share * (m[1] - m[0])
+            }
             Drive::Plays { share, plays } => {
                 let mut held_back = 0.0;
                 for (at, (weight, edge_v)) in m.iter_mut().zip(plays) {
@@ -386,6 +438,14 @@ impl Drive {
                 m[0] += h_s;
                 u * (1.0 + gain * ((TAU * m[0] / period_s + phase_rad).sin() - phase_rad.sin()))
             }
+            Drive::LateWarming { gain, tau_s } => {
+                let t = middle_of(m, h_s) / tau_s;
+                u * (1.0 + gain * (1.0 - (1.0 + t) * (-t).exp()))
+            }
+            Drive::WarmingFrom { gain, tau_s, .. } => {
+                let t = (middle_of(m, h_s) - m[1]).max(0.0) / tau_s;
+                u * (1.0 - gain * (-t).exp_m1())
+            }
             Drive::Ageing { per_decade, t0_s } => {
                 m[0] += h_s;
                 u * (1.0 - per_decade * (m[0] / t0_s).ln_1p() / std::f64::consts::LN_10)
@@ -395,8 +455,32 @@ impl Drive {
     }
 }
 
+/// z after a change of the voltage by which z' = u' - |u'| z/s, with another s for each way: exact for any change.
+fn duhem(z: f64, change_v: f64, up_v: f64, down_v: f64) -> f64 {
+    let goal = if change_v > 0.0 { up_v } else { -down_v };
+    goal + (z - goal) * (-change_v.abs() / goal.abs()).exp()
+}
+
+/// z after a change of the voltage by which z' = u' - ((1 - c) |u'| z + c u' |z|)/s: exact for any change.
+fn bouc_wen(z: f64, change_v: f64, over_v: f64, shape: f64) -> f64 {
+    let mut left_v = change_v.abs();
+    let mut size = z;
+    if z * change_v < 0.0 {
+        // Back to zero first, at the slope 1 + k |z|/s.
+        let k = 1.0 - 2.0 * shape;
+        let far = over_v / k;
+        let zero_v = far * (z.abs() / far).ln_1p();
+        if left_v < zero_v {
+            return z.signum() * ((z.abs() + far) * (-left_v / far).exp() - far);
+        }
+        left_v -= zero_v;
+        size = 0.0;
+    }
+    change_v.signum() * (over_v + (size.abs() - over_v) * (-left_v / over_v).exp())
+}
+
 /// Exact first-order lag, its decay over the usual step kept in `m[3]`; returns the mean over the step.
-fn lag(m: &mut [f64], u: f64, tau_s: f64, h_s: f64) -> f64 {
+fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
     let decay = if h_s == m[4] { m[3] } else { (-h_s / tau_s).exp() };
     let change = (m[0] - u) * (decay - 1.0);
     m[0] += change;

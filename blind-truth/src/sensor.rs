@@ -40,6 +40,17 @@ pub(crate) enum Follow {
     HardeningMode { m_per_v: f64, hz: f64, damping_ratio: f64, at_v: f64 },
     /// A lag whose time constant grows along the stroke, tau (1 + c x): a head that gets less light the farther it is.
     LagByStroke { tau_s: f64, per_m: f64 },
+    /// A lag that falls more slowly than it rises: a carrier's rectifier.
+    PeakDetector { tau_s: f64, slower: f64 },
+    /// As `DriveMode`, in a joint that slips: the damping ratio grows by the given share per `at_v` of swing's rate.
+    JointMode { m_per_v: f64, hz: f64, damping_ratio: f64, more: f64, at_v: f64 },
+    /// As `DriveMode`, on a mount that works loose: the frequency falls by `share` with tau.
+    LooseMode { m_per_v: f64, hz: f64, damping_ratio: f64, share: f64, tau_s: f64 },
+    /// Play taken up by a weak spring: inside the gap y goes back to one flank with tau.
+    LeaningPlay { half_m: f64, tau_s: f64 },
+    /// Play with a loose part in it that flies on with tau between the flanks, and comes off them with a share of its
+    /// speed.
+    Rattle { half_m: f64, tau_s: f64, back: f64 },
     /// The reading sticks until the target has moved by `break_m`, then jumps to it (foreign).
     Stiction { break_m: f64 },
 }
@@ -52,7 +63,8 @@ impl Follow {
             Follow::Lag { tau_s }
             | Follow::LeadLag { tau_s, .. }
             | Follow::TwoLags { tau_s }
-            | Follow::SoftPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
+            | Follow::SoftPlay { tau_s, .. }
+            | Follow::LeaningPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
             _ => {}
         }
         memory
@@ -139,6 +151,47 @@ impl Follow {
                 m[1] = x;
                 let here_s = tau_s * (1.0 + per_m * mean).max(0.1);
                 m[0] += (mean - m[0]) * h_s / (here_s + 0.5 * h_s);
+                m[0]
+            }
+            Follow::PeakDetector { tau_s, slower } => {
+                let mean = 0.5 * (m[1] + x);
+                m[1] = x;
+                let way_s = if mean >= m[0] { *tau_s } else { slower * tau_s };
+                m[0] += (mean - m[0]) * h_s / (way_s + 0.5 * h_s);
+                m[0]
+            }
+            Follow::JointMode { m_per_v, hz, damping_ratio, more, at_v } => {
+                let swing = (m[1] / (TAU * hz * at_v)).abs();
+                let ratio = damping_ratio * (1.0 + more * swing);
+                let shape = follow(m, drive_v, TAU * hz, ratio, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
+            }
+            Follow::LooseMode { m_per_v, hz, damping_ratio, share, tau_s } => {
+                m[2] += h_s;
+                let now_hz = hz * (1.0 + share * (-m[2] / tau_s).exp_m1());
+                let shape = follow(m, drive_v, TAU * now_hz, *damping_ratio, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
+            }
+            Follow::LeaningPlay { half_m, .. } => {
+                // At rest the part leans on its flank, and the sensor was zeroed so.
+                m[0] = x + (m[0] - x) * m[3];
+                m[0] = m[0].clamp(x - 2.0 * half_m, x);
+                m[0]
+            }
+            Follow::Rattle { half_m, tau_s, back } => {
+                let base = (x - m[2]) / h_s;
+                m[2] = x;
+                m[1] *= (-h_s / tau_s).exp();
+                m[0] += h_s * m[1];
+                let flank = m[0].clamp(x - half_m, x + half_m);
+                if flank != m[0] {
+                    // Only what runs into the flank comes off it.
+                    let against = (m[1] - base) * (m[0] - flank);
+                    if against > 0.0 {
+                        m[1] = base - back * (m[1] - base);
+                    }
+                    m[0] = flank;
+                }
                 m[0]
             }
             Follow::Stiction { break_m } => {
@@ -239,6 +292,10 @@ pub(crate) enum Measure {
     Smoothing { weight: f64, rows: u32 },
     /// As `Creep`, of x |x| / S: creep that grows with the square of the stroke.
     SquareCreep(Chain),
+    /// As `Creep`, less by a ratio for negative x: a ceramic poled one way.
+    SidedCreep { chain: Chain, negative: f64 },
+    /// y = x + a z, z a pair of lags of x (the other eight times slower) that go back more slowly than they came.
+    SlowReturn { share: f64, tau_s: f64, slower: f64 },
     /// y = x + sum of lags of x (anchors F1 to F3).
     Creep(Chain),
     /// Motion of a hidden second axis: steps at random times through a lag (foreign).
@@ -260,7 +317,9 @@ impl Measure {
     pub(crate) fn begin(&self, period_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Measure::Creep(chain) | Measure::SquareCreep(chain) => return chain.begin(period_s),
+            Measure::Creep(chain) | Measure::SquareCreep(chain) | Measure::SidedCreep { chain, .. } => {
+                return chain.begin(period_s);
+            }
             Measure::SwingDrift { .. } | Measure::CutHum { .. } | Measure::BreathingGain { .. } => {
                 memory[0] = rng.random::<f64>() * TAU;
             }
@@ -387,6 +446,21 @@ impl Measure {
                 let mean = 0.5 * (m[15] + x);
                 m[15] = x;
                 x + chain.step(m, mean * mean.abs() / CREEP_STROKE_M, row.period_s)
+            }
+            Measure::SidedCreep { chain, negative } => {
+                let mean = 0.5 * (m[15] + x);
+                m[15] = x;
+                x + chain.step(m, if mean > 0.0 { mean } else { negative * mean }, row.period_s)
+            }
+            Measure::SlowReturn { share, tau_s, slower } => {
+                let mean = 0.5 * (m[15] + x);
+                m[15] = x;
+                for (at, scale) in m[0..2].iter_mut().zip([1.0, 8.0]) {
+                    // It comes while it grows, and goes back while it shrinks.
+                    let pace = if (mean - *at) * *at >= 0.0 { 1.0 } else { *slower };
+                    *at += (mean - *at) * -(-row.period_s / (scale * pace * tau_s)).exp_m1();
+                }
+                x + 0.5 * share * (m[0] + m[1])
             }
             Measure::Creep(chain) => {
                 // The mean of two rows is the input between them, to second order.

@@ -18,12 +18,16 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: Creep, name: "logarithm of time, through the structure", splits: R, draw: creep_log_force },
     Form { effect: Creep, name: "stretched exponential", splits: C, draw: creep_stretched },
     Form { effect: Creep, name: "growing with the square of the stroke", splits: C, draw: creep_square },
+    Form { effect: Creep, name: "more towards one side", splits: C, draw: creep_sided },
+    Form { effect: Creep, name: "going back more slowly than it came", splits: C, draw: creep_slow_return },
     Form { effect: ThermalGain, name: "with time", splits: DC, draw: warm_time },
     Form { effect: ThermalGain, name: "with drive power", splits: CR, draw: warm_power },
     Form { effect: ThermalGain, name: "falling with the logarithm of time", splits: R, draw: warm_ageing },
     Form { effect: ThermalGain, name: "with the held voltage", splits: C, draw: warm_leak },
     Form { effect: ThermalGain, name: "swinging with the room", splits: C, draw: warm_room },
     Form { effect: ThermalGain, name: "up and back down with time", splits: C, draw: warm_two },
+    Form { effect: ThermalGain, name: "late, through another body", splits: C, draw: warm_late },
+    Form { effect: ThermalGain, name: "from a moment on", splits: C, draw: warm_from },
     Form { effect: InitialState, name: "slow hysteron charged beyond its edge", splits: DC, draw: start_charged },
     Form { effect: InitialState, name: "mass in motion", splits: D, draw: start_moving },
     Form { effect: InitialState, name: "a step shortly before", splits: C, draw: start_just_moved },
@@ -31,6 +35,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: InitialState, name: "a step back shortly before", splits: R, draw: start_just_moved_late },
     Form { effect: InitialState, name: "a sine that stops shortly before", splits: C, draw: start_just_rang },
     Form { effect: InitialState, name: "a stairway back shortly before", splits: C, draw: start_just_climbed },
+    Form { effect: InitialState, name: "a ramp back shortly before", splits: C, draw: start_just_ramped },
+    Form { effect: InitialState, name: "random steps that stop shortly before", splits: C, draw: start_just_shaken },
     Form {
         effect: ParameterError,
         name: "stiffness",
@@ -62,6 +68,13 @@ pub(super) const FORMS: &[Form] = &[
         draw: |rng| wrong(rng, |f, b| slow(b, |s| s.capacitance_f *= f)),
     },
     Form { effect: ParameterError, name: "fast capacitance", splits: R, draw: wrong_fast_capacitance },
+    Form {
+        effect: ParameterError,
+        name: "slow leak",
+        splits: C,
+        draw: |rng| wrong(rng, |f, b| slow(b, |s| s.slope_s *= f)),
+    },
+    Form { effect: ParameterError, name: "fast dead zone", splits: C, draw: wrong_fast_dead_zone },
 ];
 
 /// Weights that grow with tau^a on log-spaced time constants: J(t) ~ t^a; a = 0 is the logarithm of time.
@@ -294,5 +307,72 @@ fn wrong_fast_capacitance(rng: &mut Pcg64) -> Planted {
     wrong(rng, |factor, bench| {
         bench.hysterons[0].up.capacitance_f *= factor;
         bench.hysterons[0].down.capacitance_f *= factor;
+    })
+}
+
+fn creep_sided(rng: &mut Pcg64) -> Planted {
+    let (tau_s, lesser, up) = (log_uniform(rng, 0.02, 0.3), rng.random_range(0.3..0.75), rng.random::<bool>());
+    Planted::new("share", CREEP, move |a, bench| {
+        // The chain's weights are the positive side's.
+        let (weight, negative) = if up { (a, lesser) } else { (lesser * a, 1.0 / lesser) };
+        let chain = Chain { elements: vec![(0.5 * weight, tau_s), (0.5 * weight, 10.0 * tau_s)] };
+        bench.measures.push(Measure::SidedCreep { chain, negative });
+    })
+    .with("tau_s", tau_s)
+    .with("lesser_over_larger", lesser)
+    .with("larger_up", f64::from(u8::from(up)))
+}
+
+fn creep_slow_return(rng: &mut Pcg64) -> Planted {
+    let (tau_s, slower) = (log_uniform(rng, 0.02, 0.2), rng.random_range(1.5..5.0));
+    Planted::new("share", CREEP, move |a, bench| {
+        bench.measures.push(Measure::SlowReturn { share: a, tau_s, slower });
+    })
+    .with("tau_s", tau_s)
+    .with("slower_back", slower)
+}
+
+fn warm_late(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.15, 1.5));
+    Planted::new("gain_share", (0.0005, 0.3), move |a, bench| {
+        bench.drives.push(Drive::LateWarming { gain: sign * a, tau_s });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+}
+
+fn warm_from(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s, within_s) = (sign(rng), log_uniform(rng, 0.1, 1.0), rng.random_range(0.3..0.8));
+    Planted::new("gain_share", (0.0005, 0.3), move |a, bench| {
+        bench.drives.push(Drive::WarmingFrom { gain: sign * a, tau_s, within_s });
+    })
+    .with("sign", sign)
+    .with("tau_s", tau_s)
+    .with("starts_within_s", within_s)
+}
+
+fn start_just_ramped(rng: &mut Pcg64) -> Planted {
+    let (ramp_s, rest_s) = (log_uniform(rng, 2e-3, 1.5e-2), log_uniform(rng, 4e-4, 2e-3));
+    Planted::new("ramp_V", (40.0, 60.0), move |a, bench| {
+        bench.history = History::JustRamped { volts: a, ramp_s, rest_s };
+    })
+    .with("ramp_s", ramp_s)
+    .with("rest_s", rest_s)
+    .any_gap()
+}
+
+fn start_just_shaken(rng: &mut Pcg64) -> Planted {
+    let rest_s = log_uniform(rng, 4e-4, 2e-3);
+    Planted::new("level_V", (35.0, 50.0), move |a, bench| {
+        bench.history = History::JustShaken { volts: a, rest_s };
+    })
+    .with("rest_s", rest_s)
+    .any_gap()
+}
+
+fn wrong_fast_dead_zone(rng: &mut Pcg64) -> Planted {
+    wrong(rng, |factor, bench| {
+        bench.hysterons[0].up.half_v *= factor;
+        bench.hysterons[0].down.half_v *= factor;
     })
 }

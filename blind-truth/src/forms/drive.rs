@@ -30,7 +30,7 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: AmplifierBandwidth, name: "lag that part of the command runs past", splits: C, draw: lead_lag },
     Form { effect: AmplifierBandwidth, name: "lag, slower one way", splits: C, draw: lag_by_direction },
     Form { effect: AmplifierBandwidth, name: "lag, quicker for a large error", splits: C, draw: hurried_lag },
-    Form { effect: AmplifierBandwidth, name: "three unequal lags", splits: C, draw: three_lags },
+    Form { effect: AmplifierBandwidth, name: "lag, slower about zero", splits: C, draw: crossover_lag },
     Form { effect: AmplifierSlew, name: "hard limit", splits: DC, draw: slew },
     Form { effect: AmplifierSlew, name: "hard limit, faster down than up", splits: C, draw: slew_uneven },
     Form { effect: AmplifierSlew, name: "soft limit (tanh)", splits: R, draw: slew_soft },
@@ -265,7 +265,7 @@ fn clip_sagging(rng: &mut Pcg64) -> Planted {
 const GAIN: (f64, f64) = (0.001, 0.15);
 
 fn gain_overlap(rng: &mut Pcg64) -> Planted {
-    let (sign, ratio, over_v) = (sign(rng), rng.random_range(0.2..0.8), log_uniform(rng, 3.0, 15.0));
+    let (sign, ratio, over_v) = (sign(rng), rng.random_range(0.5..1.5), log_uniform(rng, 5.0, 20.0));
     Planted::new("gain_error", GAIN, move |a, bench| {
         bench.drives.push(Drive::Overlap { error: sign * a, ratio, over_v });
     })
@@ -297,7 +297,7 @@ fn gain_rippled(rng: &mut Pcg64) -> Planted {
 }
 
 fn gain_settling(rng: &mut Pcg64) -> Planted {
-    let (sign, share, tau_s) = (sign(rng), rng.random_range(0.05..0.2), log_uniform(rng, 0.1, 1.0));
+    let (sign, share, tau_s) = (sign(rng), rng.random_range(0.1..0.3), log_uniform(rng, 0.1, 1.0));
     Planted::new("gain_error", GAIN, move |a, bench| {
         bench.drives.push(Drive::SettlingGain { error: sign * a, share, tau_s });
     })
@@ -322,13 +322,13 @@ fn hurried_lag(rng: &mut Pcg64) -> Planted {
         .with("twice_as_quick_at_V", swing_v)
 }
 
-fn three_lags(rng: &mut Pcg64) -> Planted {
-    let (second, third) = (rng.random_range(0.3..0.9), rng.random_range(0.1..0.3));
+fn crossover_lag(rng: &mut Pcg64) -> Planted {
+    let (more, over_v) = (rng.random_range(0.6..2.5), log_uniform(rng, 5.0, 20.0));
     Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| {
-        bench.drives.push(Drive::ThreeLags { tau_s: a, second, third });
+        bench.drives.push(Drive::CrossoverLag { tau_s: a, more, over_v });
     })
-    .with("second_over_first", second)
-    .with("third_over_first", third)
+    .with("more_at_zero", more)
+    .with("over_V", over_v)
 }
 
 fn slew_by_charge(rng: &mut Pcg64) -> Planted {

@@ -18,6 +18,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: ExtraHysteron, name: "Prandtl-Ishlinskii on the voltage", splits: C, draw: extra_plays },
     Form { effect: ExtraHysteron, name: "Preisach relays on the voltage", splits: C, draw: extra_relays },
     Form { effect: ExtraHysteron, name: "one with unequal edges", splits: C, draw: extra_unequal },
+    Form { effect: ExtraHysteron, name: "Bouc-Wen on the voltage", splits: C, draw: extra_bouc_wen },
+    Form { effect: ExtraHysteron, name: "a quick one and a slow one", splits: C, draw: extra_quick_and_slow },
     Form { effect: AsymmetricHysteresis, name: "capacitance by sign", splits: D, draw: asymmetric_capacitance },
     Form { effect: AsymmetricHysteresis, name: "dead zone and slope by sign", splits: DC, draw: asymmetric_dead_zone },
     Form { effect: AsymmetricHysteresis, name: "even part of the drive", splits: C, draw: asymmetric_even },
@@ -36,11 +38,27 @@ pub(super) const FORMS: &[Form] = &[
         splits: C,
         draw: asymmetric_fast,
     },
+    Form { effect: AsymmetricHysteresis, name: "butterfly", splits: C, draw: asymmetric_butterfly },
+    Form { effect: AsymmetricHysteresis, name: "way back bent", splits: C, draw: asymmetric_bent },
+    Form {
+        effect: AsymmetricHysteresis,
+        name: "further loop under one sign",
+        splits: C,
+        draw: asymmetric_one_sided_loop,
+    },
+    Form { effect: AsymmetricHysteresis, name: "Duhem, another curve each way", splits: C, draw: asymmetric_duhem },
     Form { effect: RateDependentHysteresis, name: "power-law leak", splits: DC, draw: rate_power },
     Form { effect: RateDependentHysteresis, name: "dead zone grows with speed", splits: CR, draw: rate_threshold },
     Form { effect: RateDependentHysteresis, name: "nonlinear damping", splits: R, draw: rate_damping },
     Form { effect: RateDependentHysteresis, name: "hyperbolic-sine leak", splits: C, draw: rate_sinh },
     Form { effect: RateDependentHysteresis, name: "second leak that joins in", splits: C, draw: rate_kink },
+    Form { effect: RateDependentHysteresis, name: "leak eased by motion", splits: C, draw: rate_eased },
+    Form {
+        effect: RateDependentHysteresis,
+        name: "play on the voltage that grows with the rate",
+        splits: C,
+        draw: rate_play,
+    },
 ];
 
 /// A hysteron of which a stroke reaches `reach` times the edge, leaking with time constant `tau_s`.
@@ -247,4 +265,81 @@ fn rate_kink(rng: &mut Pcg64) -> Planted {
         bench.hysterons[1].leak = Leak::Kink { at_v, more: a };
     })
     .with("from_V", at_v)
+}
+
+fn extra_bouc_wen(rng: &mut Pcg64) -> Planted {
+    let (over_v, shape) = (rng.random_range(8.0..25.0), rng.random_range(-0.3..0.3));
+    Planted::new("share", (0.002, 0.4), move |a, bench| {
+        bench.drives.push(Drive::BoucWen { share: a, over_v, shape });
+    })
+    .with("over_V", over_v)
+    .with("gamma_over_sum", shape)
+}
+
+fn extra_quick_and_slow(rng: &mut Pcg64) -> Planted {
+    let (quick_s, slow_s) = (log_uniform(rng, 5e-5, 4e-4), log_uniform(rng, 4e-3, 3e-2));
+    let (edge, further) = (rng.random_range(0.08..0.25), rng.random_range(0.35..0.65));
+    let share = rng.random_range(0.3..0.7);
+    Planted::new("stiffness_share", (0.002, 0.3), move |a, bench| {
+        bench.hysterons.push(added(bench, share * a, edge, quick_s));
+        bench.hysterons.push(added(bench, (1.0 - share) * a, further, slow_s));
+    })
+    .with("quick_share", share)
+    .with("quick_edge_over_stroke", edge)
+    .with("slow_edge_over_stroke", further)
+    .with("quick_tau_s", quick_s)
+    .with("slow_tau_s", slow_s)
+}
+
+fn asymmetric_butterfly(rng: &mut Pcg64) -> Planted {
+    let (sign, edge_v) = (sign(rng), rng.random_range(6.0..20.0));
+    Planted::new("share", (0.0005, 0.1), move |a, bench| {
+        bench.drives.push(Drive::Butterfly { share: sign * a, edge_v });
+    })
+    .with("sign", sign)
+    .with("edge_V", edge_v)
+}
+
+fn asymmetric_bent(rng: &mut Pcg64) -> Planted {
+    let (edge_v, bend) = (rng.random_range(10.0..20.0), sign(rng) * rng.random_range(0.1..0.25));
+    Planted::new("share", (0.002, 0.5), move |a, bench| {
+        bench.drives.push(Drive::BentPlay { share: a, edge_v, bend });
+    })
+    .with("edge_V", edge_v)
+    .with("bend_at_60V", bend)
+}
+
+fn asymmetric_one_sided_loop(rng: &mut Pcg64) -> Planted {
+    let (side, edge_v) = (sign(rng), rng.random_range(6.0..20.0));
+    Planted::new("share", (0.002, 0.3), move |a, bench| {
+        bench.drives.push(Drive::OneSidedLoop { side, share: a, edge_v });
+    })
+    .with("side", side)
+    .with("edge_V", edge_v)
+}
+
+fn asymmetric_duhem(rng: &mut Pcg64) -> Planted {
+    let (over_v, skew) = (rng.random_range(10.0..30.0), sign(rng) * rng.random_range(0.2..0.5));
+    Planted::new("share", (0.002, 0.5), move |a, bench| {
+        bench.drives.push(Drive::SkewedDuhem { share: a, over_v, skew });
+    })
+    .with("over_V", over_v)
+    .with("skew", skew)
+}
+
+fn rate_eased(_: &mut Pcg64) -> Planted {
+    Planted::new("share_at_0.1_m_per_s", (0.01, 5.0), |a, bench| {
+        bench.hysterons[1].leak = Leak::Eased { s_per_m: a / 0.1 };
+    })
+}
+
+fn rate_play(rng: &mut Pcg64) -> Planted {
+    let (edge_v, more) = (rng.random_range(3.0..8.0), rng.random_range(0.4..1.5));
+    // The largest rate of a sine of 60 V and 100 Hz.
+    let reference_v_per_s = std::f64::consts::TAU * 100.0 * 60.0;
+    Planted::new("share", (0.002, 0.4), move |a, bench| {
+        bench.drives.push(Drive::RatePlay { share: a, edge_v, more_s_per_v: more / reference_v_per_s });
+    })
+    .with("edge_V", edge_v)
+    .with("wider_at_60V_100Hz", more)
 }

@@ -16,7 +16,7 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: SensorBandwidth, name: "lag that part of the signal runs past", splits: C, draw: lead_lag },
     Form { effect: SensorBandwidth, name: "small share in a slow tail", splits: C, draw: slow_tail },
     Form { effect: SensorBandwidth, name: "mixed with the mean of the last rows", splits: C, draw: smoothing },
-    Form { effect: SensorBandwidth, name: "filter of third order", splits: C, draw: third_order },
+    Form { effect: SensorBandwidth, name: "peak detector, slower back", splits: C, draw: peak_detector },
     Form { effect: SensorBandwidth, name: "lag that grows along the stroke", splits: C, draw: lag_by_stroke },
     Form { effect: SensorOffset, name: "constant", splits: D, draw: offset },
     Form { effect: SensorOffset, name: "constant, beyond zeroing", splits: C, draw: offset_large },
@@ -365,12 +365,10 @@ fn flaw(rng: &mut Pcg64) -> Planted {
     .with("width_um", width_m * 1e6)
 }
 
-fn third_order(_: &mut Pcg64) -> Planted {
-    Planted::new("delay_s", LAG_S, |a, bench| {
-        // Butterworth: a lag and a pole pair of the same corner, each worth half of the delay.
-        bench.follows.push(Follow::Lag { tau_s: 0.5 * a });
-        bench.follows.push(Follow::SecondOrder { rad_per_s: 2.0 / a, damping_ratio: 0.5 });
-    })
+fn peak_detector(rng: &mut Pcg64) -> Planted {
+    let slower = rng.random_range(1.4..3.0);
+    Planted::new("tau_s", LAG_S, move |a, bench| bench.follows.push(Follow::PeakDetector { tau_s: a, slower }))
+        .with("slower_back", slower)
 }
 
 fn lag_by_stroke(rng: &mut Pcg64) -> Planted {

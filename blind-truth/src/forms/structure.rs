@@ -8,6 +8,7 @@ use crate::sensor::Follow;
 use crate::structure::Force;
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
 
 pub(super) const FORMS: &[Form] = &[
     Form { effect: VibrationMode, name: "beside the main mode", splits: DC, draw: mode_drive },
@@ -22,6 +23,11 @@ pub(super) const FORMS: &[Form] = &[
         splits: C,
         draw: mode_read_absorber,
     },
+    Form { effect: VibrationMode, name: "light base on rubber feet", splits: C, draw: mode_base },
+    Form { effect: VibrationMode, name: "target plate on a flexure", splits: C, draw: mode_plate },
+    Form { effect: VibrationMode, name: "surge of the preload spring", splits: C, draw: mode_surge },
+    Form { effect: VibrationMode, name: "in a joint that slips when it swings", splits: C, draw: mode_joint },
+    Form { effect: VibrationMode, name: "on a mount that works loose", splits: C, draw: mode_loose },
     Form { effect: NonlinearStiffness, name: "cubic", splits: DC, draw: cubic },
     Form { effect: NonlinearStiffness, name: "fifth power", splits: C, draw: quintic },
     Form { effect: NonlinearStiffness, name: "softens and levels off", splits: R, draw: levelling },
@@ -33,15 +39,21 @@ pub(super) const FORMS: &[Form] = &[
     },
     Form { effect: NonlinearStiffness, name: "odd square", splits: C, draw: odd_square },
     Form { effect: NonlinearStiffness, name: "hyperbolic sine", splits: C, draw: sinh },
+    Form { effect: NonlinearStiffness, name: "balls on either side", splits: C, draw: hertz },
+    Form { effect: NonlinearStiffness, name: "detent of a magnet's poles", splits: C, draw: detent },
     Form { effect: AsymmetricStiffness, name: "quadratic", splits: D, draw: quadratic },
     Form { effect: AsymmetricStiffness, name: "bilinear", splits: DC, draw: bilinear },
     Form { effect: AsymmetricStiffness, name: "second spring engages gradually", splits: CR, draw: engaging },
     Form { effect: AsymmetricStiffness, name: "bilinear and quadratic", splits: R, draw: bilinear_quadratic },
     Form { effect: AsymmetricStiffness, name: "fourth power", splits: C, draw: quartic },
     Form { effect: AsymmetricStiffness, name: "exponential", splits: C, draw: exponential },
+    Form { effect: AsymmetricStiffness, name: "magnet on one side", splits: C, draw: magnet },
+    Form { effect: AsymmetricStiffness, name: "rubber cone, pressed in", splits: C, draw: cone },
     Form { effect: PayloadMass, name: "rigid", splits: DCR, draw: payload },
     Form { effect: PayloadMass, name: "on a stiff mount", splits: C, draw: payload_mounted },
     Form { effect: PayloadMass, name: "rigid, with some damping", splits: R, draw: payload_damped },
+    Form { effect: PayloadMass, name: "rigid, rocking a little", splits: C, draw: payload_rocking },
+    Form { effect: PayloadMass, name: "partly dragged along by a liquid", splits: C, draw: payload_liquid },
     Form { effect: PeriodicForce, name: "sine", splits: DC, draw: force_sine },
     Form { effect: PeriodicForce, name: "sine with its second harmonic", splits: C, draw: force_harmonic },
     Form { effect: PeriodicForce, name: "sine with a slow beat", splits: R, draw: force_beat },
@@ -50,6 +62,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: PeriodicForce, name: "one push per turn", splits: C, draw: force_knock },
     Form { effect: PeriodicForce, name: "frequency wanders", splits: C, draw: force_wandering },
     Form { effect: PeriodicForce, name: "two unrelated lines", splits: C, draw: force_two },
+    Form { effect: PeriodicForce, name: "sine with half its order", splits: C, draw: force_half_order },
+    Form { effect: PeriodicForce, name: "saw tooth", splits: C, draw: force_saw },
 ];
 
 /// Share of the static gain: -60 to -6 dB (anchors F27: -40 to -10 dB).
@@ -295,11 +309,15 @@ fn payload_damped(rng: &mut Pcg64) -> Planted {
 fn off_mains_hz(rng: &mut Pcg64, low: f64, high: f64) -> f64 {
     loop {
         let hz = log_uniform(rng, low, high);
-        let far = |mains: f64| (hz - mains * (hz / mains).round()).abs() > 3.0 || hz < mains / 2.0;
-        if far(50.0) && far(60.0) {
+        if is_off_mains(hz) {
             return hz;
         }
     }
+}
+
+fn is_off_mains(hz: f64) -> bool {
+    let far = |mains: f64| (hz - mains * (hz / mains).round()).abs() > 3.0 || hz < mains / 2.0;
+    far(50.0) && far(60.0)
 }
 
 fn force_of(hz: f64, second: f64, beat_hz: f64) -> Planted {
@@ -375,4 +393,152 @@ fn force_two(rng: &mut Pcg64) -> Planted {
     .with("hz", hz)
     .with("other_hz", other_hz)
     .with("other_over_first", second)
+}
+
+fn mode_base(rng: &mut Pcg64) -> Planted {
+    // The moving mass shakes what it stands on; the sensor stands on it too.
+    let (hz, damping_ratio) = (log_uniform(rng, 25.0, 90.0), log_uniform(rng, 0.03, 0.15));
+    Planted::new("share", MODE, move |a, bench| {
+        bench.follows.push(Follow::ArmMode { share: a, hz, damping_ratio });
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_plate(rng: &mut Pcg64) -> Planted {
+    let (mass_share, damping_ratio) = (log_uniform(rng, 0.02, 0.15), log_uniform(rng, 0.005, 0.03));
+    // Softness is what the plate lags by at the main mode's 900 Hz: 1.3 to 9 kHz.
+    Planted::new("softness", (0.01, 0.5), move |a, bench| {
+        let (kg, hz) = (mass_share * bench.mass_kg, 900.0 / a.sqrt());
+        bench.mass_kg -= kg;
+        bench.forces.push(Force::Absorber { kg, hz, damping_ratio });
+        bench.follows.push(Follow::ArmMode { share: 1.0, hz, damping_ratio });
+    })
+    .with("mass_share", mass_share)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_surge(rng: &mut Pcg64) -> Planted {
+    let (hz, damping_ratio) = (log_uniform(rng, 250.0, 700.0), log_uniform(rng, 0.005, 0.03));
+    Planted::new("mass_share", (0.001, 0.3), move |a, bench| {
+        let first_kg = a * bench.mass_kg;
+        for order in [1.0, 2.0, 3.0] {
+            let kg = first_kg / (order * order);
+            bench.mass_kg -= kg;
+            bench.forces.push(Force::Absorber { kg, hz: order * hz, damping_ratio });
+        }
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_joint(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    let (more, at_v) = (rng.random_range(0.5..3.0), 20.0);
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::JointMode { m_per_v, hz, damping_ratio, more, at_v });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("more_damping_at_20V", more)
+}
+
+fn mode_loose(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    let (share, tau_s) = (rng.random_range(0.02..0.1), log_uniform(rng, 0.2, 2.0));
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::LooseMode { m_per_v, hz, damping_ratio, share, tau_s });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("loosened_by", share)
+    .with("tau_s", tau_s)
+}
+
+fn hertz(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("share_at_stroke", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Hertz { n_per_m: sign * a * bench.stiffness_n_per_m, at_m: STROKE_M });
+    })
+    .with("sign", sign)
+}
+
+fn detent(rng: &mut Pcg64) -> Planted {
+    let (sign, period_m) = (sign(rng), log_uniform(rng, 90e-6, 220e-6));
+    Planted::new("detent_over_k", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Detent { n_per_m: sign * a * bench.stiffness_n_per_m, period_m });
+    })
+    .with("sign", sign)
+    .with("period_um", period_m * 1e6)
+}
+
+fn magnet(rng: &mut Pcg64) -> Planted {
+    let (side, away_m) = (sign(rng), log_uniform(rng, 250e-6, 600e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let near = STROKE_M / away_m;
+        let pull = 0.5 / near * ((1.0 - near).powi(-2) - 1.0 - 2.0 * near);
+        bench.forces.push(Force::Magnet { n_per_m: a * bench.stiffness_n_per_m / pull, away_m: side * away_m });
+    })
+    .with("side", side)
+    .with("away_um", away_m * 1e6)
+}
+
+fn cone(rng: &mut Pcg64) -> Planted {
+    let (side, pressed_m) = (sign(rng), log_uniform(rng, 140e-6, 300e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let share = STROKE_M / pressed_m;
+        let push = ((1.0 + share).powf(1.5) - 1.0 - 1.5 * share) / (1.5 * share);
+        bench.forces.push(Force::Cone { n_per_m: a * bench.stiffness_n_per_m / push, pressed_m: side * pressed_m });
+    })
+    .with("side", side)
+    .with("pressed_um", pressed_m * 1e6)
+}
+
+fn payload_rocking(rng: &mut Pcg64) -> Planted {
+    let (read, hz) = (sign(rng) * rng.random_range(0.08..0.2), log_uniform(rng, 1.5e3, 2.5e3));
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        bench.mass_kg *= 1.0 + a;
+        bench.follows.push(Follow::ArmMode { share: read * a, hz, damping_ratio: 0.02 });
+    })
+    .with("rocking_over_mass_share", read)
+    .with("rocking_hz", hz)
+    .any_gap()
+}
+
+fn payload_liquid(rng: &mut Pcg64) -> Planted {
+    let (share, tau_s) = (rng.random_range(0.15..0.5), log_uniform(rng, 3e-5, 3e-4));
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        let kg = a * bench.mass_kg;
+        bench.mass_kg += (1.0 - share) * kg;
+        // A spring of 10 Hz only keeps the liquid in its vessel; its drag alone takes it along.
+        let hz = 10.0;
+        bench.forces.push(Force::Absorber { kg: share * kg, hz, damping_ratio: 0.5 / (TAU * hz * tau_s) });
+    })
+    .with("liquid_share", share)
+    .with("tau_s", tau_s)
+    .any_gap()
+}
+
+fn force_half_order(rng: &mut Pcg64) -> Planted {
+    let hz = loop {
+        let hz = off_mains_hz(rng, 16.0, 160.0);
+        if is_off_mains(0.5 * hz) {
+            break hz;
+        }
+    };
+    let half = rng.random_range(0.2..0.8);
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::HalfOrder { n: a, hz, half }))
+        .with("hz", hz)
+        .with("half_order", half)
+}
+
+fn force_saw(rng: &mut Pcg64) -> Planted {
+    let (hz, quick) = (off_mains_hz(rng, 8.0, 120.0), rng.random_range(0.05..0.3));
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::Saw { n: a, hz, quick }))
+        .with("hz", hz)
+        .with("quick_share", quick)
 }
