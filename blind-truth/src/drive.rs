@@ -325,9 +325,17 @@ impl Drive {
                 advance(m, change(middle_v))
             }
             Drive::SlewByCharge { charge_v_per_s, discharge_v_per_s } => {
-                // Through zero the step is a discharge first; what it overshoots by is less than a step's charge.
-                let limit = if (u - m[0]) * m[0] >= 0.0 { charge_v_per_s } else { discharge_v_per_s };
-                advance(m, (u - m[0]).clamp(-limit * h_s, limit * h_s))
+                let wish_v = u - m[0];
+                let zero_s = m[0].abs() / discharge_v_per_s;
+                let most_v = if wish_v * m[0] >= 0.0 {
+                    charge_v_per_s * h_s
+                } else if zero_s >= h_s || u * m[0] >= 0.0 {
+                    discharge_v_per_s * h_s
+                } else {
+                    // Through zero within the step: the rest of it charges.
+                    m[0].abs() + charge_v_per_s * (h_s - zero_s)
+                };
+                advance(m, wish_v.clamp(-most_v, most_v))
             }
             Drive::SlewByError { limit_v_per_s, swing_v } => {
                 let change = |v: f64| {
@@ -463,6 +471,9 @@ fn duhem(z: f64, change_v: f64, up_v: f64, down_v: f64) -> f64 {
 
 /// z after a change of the voltage by which z' = u' - ((1 - c) |u'| z + c u' |z|)/s: exact for any change.
 fn bouc_wen(z: f64, change_v: f64, over_v: f64, shape: f64) -> f64 {
+    if change_v == 0.0 {
+        return z;
+    }
     let mut left_v = change_v.abs();
     let mut size = z;
     if z * change_v < 0.0 {

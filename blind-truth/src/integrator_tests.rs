@@ -437,7 +437,7 @@ fn hysteretic_drive_parts_are_exact_for_any_change() {
     let end = |drive: &Drive, parts: usize| {
         let mut memory = drive.begin(1e-6, &mut Pcg64::seed_from_u64(5));
         let (mut from, mut out) = (0.0, 0.0);
-        for to in [50.0, 20.0, 35.0, -60.0, 10.0] {
+        for to in [50.0, 20.0, 35.0, -60.0, -60.0, 10.0] {
             for k in 1..=parts {
                 out = drive.step(&mut memory, from + (to - from) * k as f64 / parts as f64, 1e-6);
             }

@@ -161,7 +161,9 @@ impl Follow {
                 m[0]
             }
             Follow::JointMode { m_per_v, hz, damping_ratio, more, at_v } => {
-                let swing = (m[1] / (TAU * hz * at_v)).abs();
+                // The rate halfway through the step.
+                let w = TAU * hz;
+                let swing = ((m[1] / w + 0.5 * h_s * w * (drive_v - m[0])) / at_v).abs();
                 let ratio = damping_ratio * (1.0 + more * swing);
                 let shape = follow(m, drive_v, TAU * hz, ratio, h_s) + 0.5 * h_s * m[1];
                 x + m_per_v * shape
