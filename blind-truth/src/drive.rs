@@ -44,8 +44,9 @@ pub(crate) enum Drive {
     SaggingClip { level_v: f64, share: f64, tau_s: f64 },
     /// v = clip(u, +-L (1 - r (1 + sin(2 pi f t + phase))/2)): rails with the rectifier's ripple.
     RippledClip { level_v: f64, share: f64, hz: f64 },
-    /// v = clip(u + z): z is what was cut last and goes with tau once the command comes back (overload recovery).
-    LateClip { level_v: f64, tau_s: f64 },
+    /// v = clip(u + z), its corner rounded: z is what was cut last and goes with tau once the command comes back
+    /// (overload recovery).
+    LateClip { level_v: f64, over_v: f64, tau_s: f64 },
     /// v = g u, g by polarity: a push-pull stage whose halves differ.
     GainBySign { up: f64, down: f64 },
     /// v = u (1 + e (1 + r |u|/60 V)): a divider whose resistors have a voltage coefficient.
@@ -256,14 +257,15 @@ impl Drive {
                 let now_v = level_v * (1.0 - share * ripple);
                 u.clamp(-now_v, now_v)
             }
-            Drive::LateClip { level_v, tau_s } => {
-                let excess_v = u - u.clamp(-level_v, *level_v);
+            Drive::LateClip { level_v, over_v, tau_s } => {
+                let cut = |v: f64| v.signum() * (softplus(v.abs() - level_v, *over_v) - softplus(-level_v, *over_v));
+                let excess_v = cut(u);
                 if excess_v.abs() >= m[0].abs() {
                     m[0] = excess_v;
                 } else {
-                    m[0] += (excess_v - m[0]) * (1.0 - (-h_s / tau_s).exp());
+                    m[0] += (excess_v - m[0]) * -(-h_s / tau_s).exp_m1();
                 }
-                (u + m[0]).clamp(-level_v, *level_v)
+                u + m[0] - cut(u + m[0])
             }
             Drive::GainBySign { up, down } => u * if u >= 0.0 { up } else { down },
             Drive::VoltageCoefficient { error, ratio } => u * (1.0 + error * (1.0 + ratio * u.abs() / 60.0)),

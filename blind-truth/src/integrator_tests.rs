@@ -318,7 +318,7 @@ fn drive_parts_have_their_gain_and_bounds() {
         (Drive::RoundClip { side: 1.0, level_v: 40.0, over_v: 2.0 }, 40.0 + 1e-6),
         (Drive::SaggingClip { level_v: 40.0, share: 0.1, tau_s: 1e-3 }, 37.0),
         (Drive::RippledClip { level_v: 40.0, share: 0.1, hz: 100.0 }, 40.0),
-        (Drive::LateClip { level_v: 40.0, tau_s: 1e-3 }, 40.0),
+        (Drive::LateClip { level_v: 40.0, over_v: 1.5, tau_s: 1e-3 }, 40.0 + 1e-6),
     ] {
         assert!(settle(&drive, 500.0) <= top && (settle(&drive, 0.1) - 0.1).abs() < 1e-4, "{drive:?}");
     }

@@ -295,7 +295,7 @@ fn stop_rubbing(rng: &mut Pcg64) -> Planted {
 }
 
 fn stop_preloaded(rng: &mut Pcg64) -> Planted {
-    let (n, ratio) = (log_uniform(rng, 0.03, 0.4), log_uniform(rng, 0.1, 1.0));
+    let (n, ratio) = (log_uniform(rng, 0.02, 0.2), log_uniform(rng, 0.15, 1.0));
     let over_m = log_uniform(rng, 0.3e-6, 1e-6);
     Planted::new("reach_share", STOP, move |a, bench| {
         let n_per_m = ratio * bench.stiffness_n_per_m;

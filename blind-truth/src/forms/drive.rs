@@ -361,7 +361,9 @@ fn clip_rippled(rng: &mut Pcg64) -> Planted {
 fn clip_late(rng: &mut Pcg64) -> Planted {
     let tau_s = log_uniform(rng, 1e-4, 2e-3);
     Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
-        bench.drives.push(Drive::LateClip { level_v: LARGEST_V * (1.0 - a), tau_s });
+        // Rounding bites before the level does.
+        let over_v = 1.5;
+        bench.drives.push(Drive::LateClip { level_v: LARGEST_V * (1.0 - a) + 2.5 * over_v, over_v, tau_s });
     })
     .with("tau_s", tau_s)
 }

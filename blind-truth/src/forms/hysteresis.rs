@@ -328,7 +328,7 @@ fn asymmetric_duhem(rng: &mut Pcg64) -> Planted {
 }
 
 fn rate_eased(_: &mut Pcg64) -> Planted {
-    Planted::new("share_at_0.1_m_per_s", (0.01, 5.0), |a, bench| {
+    Planted::new("share_at_0.1_m_per_s", (0.01, 20.0), |a, bench| {
         bench.hysterons[1].leak = Leak::Eased { s_per_m: a / 0.1 };
     })
 }
@@ -337,7 +337,7 @@ fn rate_play(rng: &mut Pcg64) -> Planted {
     let (edge_v, more) = (rng.random_range(3.0..8.0), rng.random_range(0.4..1.5));
     // The largest rate of a sine of 60 V and 100 Hz.
     let reference_v_per_s = std::f64::consts::TAU * 100.0 * 60.0;
-    Planted::new("share", (0.002, 0.4), move |a, bench| {
+    Planted::new("share", (0.002, 0.8), move |a, bench| {
         bench.drives.push(Drive::RatePlay { share: a, edge_v, more_s_per_v: more / reference_v_per_s });
     })
     .with("edge_V", edge_v)

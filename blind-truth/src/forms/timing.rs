@@ -224,8 +224,8 @@ fn lost_regular(rng: &mut Pcg64) -> Planted {
 }
 
 fn lost_thinned(rng: &mut Pcg64) -> Planted {
-    let (rows, every) = (rng.random_range(20..=200), rng.random_range(2..=4));
-    Planted::new("probability", (1e-5, 0.02), move |a, bench| {
+    let (rows, every) = (rng.random_range(6..=24), rng.random_range(2..=4));
+    Planted::new("probability", (3e-5, 0.05), move |a, bench| {
         bench.digitises.push(Digitise::Thinned { probability: a, rows, every });
     })
     .with("rows", f64::from(rows))
@@ -234,7 +234,7 @@ fn lost_thinned(rng: &mut Pcg64) -> Planted {
 }
 
 fn lost_replayed(rng: &mut Pcg64) -> Planted {
-    let rows = rng.random_range(2..=6);
+    let rows = rng.random_range(2..=4);
     Planted::new("probability", (1e-4, 0.08), move |a, bench| {
         bench.digitises.push(Digitise::Replayed { probability: a, rows });
     })
