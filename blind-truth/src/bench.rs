@@ -10,10 +10,11 @@
 //! it: all forces act in one kick, so nothing rattles at rest for the fast dead zone to rectify into a false creep.
 //! Drive parts work with the mean voltage of each kick interval, so edges may fall anywhere.
 
+use crate::digitise::{Digitise, Noise};
 use crate::drive::{Drive, Memory};
 use crate::hysteron::{Hysteron, Prepared};
 use crate::record::Record;
-use crate::sensor::{Digitise, Follow, Measure, Noise, Row, normal};
+use crate::sensor::{Follow, Measure, Row, normal};
 use crate::structure::Force;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -73,6 +74,12 @@ pub(crate) struct Timing {
     pub clock_error: f64,
     /// The clock error swings with this period if positive (a temperature-cycled oscillator).
     pub clock_swing_s: f64,
+    /// The clock's slip is put right each time this has passed, if positive.
+    pub clock_sync_s: f64,
+    /// Share of the clock error that goes with this time constant in seconds after row 0 (an oven that warms).
+    pub clock_settling: Option<(f64, f64)>,
+    /// Edges of odd rows are later by this, those of even rows earlier (two buffers by turns).
+    pub edge_turns_s: f64,
     /// Random error of the sampling time.
     pub jitter: Option<Jitter>,
     /// Lost commands: probability per row and how many rows the old value stays.
@@ -105,6 +112,10 @@ pub(crate) enum Jitter {
     Gaussian { rms_s: f64 },
     /// One row in `one_in` is late by an exponentially distributed time.
     RareLate { one_in: f64, mean_s: f64 },
+    /// First-order noise of this standard deviation that takes `rows` rows to forget.
+    Wandering { rms_s: f64, rows: f64 },
+    /// Early or late by this, at random: one of two ticks of a timer.
+    TwoTimes { s: f64 },
 }
 
 /// Motion before row 0, after which the bench rests.
@@ -122,6 +133,10 @@ pub(crate) enum History {
     JustRang { volts: f64, hz: f64, rest_s: f64 },
     /// A stairway back from one excursion, each step as long as the rest.
     JustClimbed { volts: f64, steps: u32, rest_s: f64 },
+    /// A straight way back from one excursion within `ramp_s`, then a short rest.
+    JustRamped { volts: f64, ramp_s: f64, rest_s: f64 },
+    /// Random levels a few milliseconds each, the last one a large one, then a short rest.
+    JustShaken { volts: f64, rest_s: f64 },
 }
 
 /// Disturbance of row 0; signs are drawn per log.
@@ -219,7 +234,8 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     let signs: [f64; 2] = std::array::from_fn(|_| if chance.history.random::<bool>() { 1.0 } else { -1.0 });
     let mut started = bench.start == Start::default();
     let mut reader = Reader::new(bench, period_s, &mut chance.parts);
-    let mut next_sample_s = sample_time(&bench.timing, 0, n_before, period_s, &mut chance.timing);
+    let mut wander = 0.0;
+    let mut next_sample_s = sample_time(&bench.timing, 0, n_before, period_s, &mut wander, &mut chance.timing);
     let mut next_edge_s = board.edge_time(0);
     let mut n_sampled = 0;
     let mut n_edges = 0;
@@ -266,7 +282,7 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
             let reading_m = reader.read(bench, at, &row, &mut chance);
             board.sampled(n_sampled, reading_m, motion.drive_v);
             n_sampled += 1;
-            next_sample_s = sample_time(&bench.timing, n_sampled, n_before, period_s, &mut chance.timing);
+            next_sample_s = sample_time(&bench.timing, n_sampled, n_before, period_s, &mut wander, &mut chance.timing);
         }
         y_before = y;
     }
@@ -278,12 +294,17 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     board.record
 }
 
-/// True time of a row's sampling since the start of the history.
-fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, rng: &mut Pcg64) -> f64 {
+/// True time of a row's sampling since the start of the history; `wander` is the memory of a jitter that has one.
+fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, wander: &mut f64, rng: &mut Pcg64) -> f64 {
     let since_s = (row as f64 - n_before as f64) * period_s;
     let slip_s = if timing.clock_swing_s > 0.0 {
         let w = TAU / timing.clock_swing_s;
         timing.clock_error * (1.0 - (w * since_s).cos()) / w
+    } else if timing.clock_sync_s > 0.0 {
+        timing.clock_error * since_s.rem_euclid(timing.clock_sync_s)
+    } else if let Some((share, tau_s)) = timing.clock_settling {
+        let warm_s = since_s.max(0.0);
+        timing.clock_error * (since_s - share * (warm_s + tau_s * (-warm_s / tau_s).exp_m1()))
     } else {
         timing.clock_error * since_s
     };
@@ -294,6 +315,18 @@ fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, rng:
         Some(Jitter::RareLate { one_in, mean_s }) => {
             let (chance, size) = (rng.random::<f64>(), rng.random::<f64>());
             if chance * one_in < 1.0 { -mean_s * (1.0 - size).ln() } else { 0.0 }
+        }
+        Some(Jitter::Wandering { rms_s, rows }) => {
+            let keep = (-1.0 / rows).exp();
+            *wander = keep * *wander + (1.0 - keep * keep).sqrt() * normal(rng);
+            rms_s * *wander
+        }
+        Some(Jitter::TwoTimes { s }) => {
+            if rng.random::<bool>() {
+                s
+            } else {
+                -s
+            }
         }
     };
     // Rows stay in order, and nothing is sampled before the start.
@@ -333,6 +366,22 @@ fn history(history: History, rest_v: f64, period_s: f64, rng: &mut Pcg64) -> Vec
             let turns = 4.0 + half + rng.random_range(0.12..0.38);
             let sine = |k: usize| (TAU * hz * k as f64 * period_s).sin();
             command_v.extend((0..rows(turns / hz)).map(|k| rest_v + volts * sine(k)));
+            rest_s
+        }
+        History::JustRamped { volts, ramp_s, rest_s } => {
+            let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+            command_v.extend(std::iter::repeat_n(rest_v + sign * volts, rows(0.05)));
+            let n = rows(ramp_s);
+            command_v.extend((0..n).map(|k| rest_v + sign * volts * (1.0 - k as f64 / n as f64)));
+            rest_s
+        }
+        History::JustShaken { volts, rest_s } => {
+            for _ in 0..12 {
+                let level_v = volts * (2.0 * rng.random::<f64>() - 1.0);
+                command_v.extend(std::iter::repeat_n(rest_v + level_v, rows(rng.random_range(2e-3..6e-3))));
+            }
+            let last_v = volts * rng.random_range(0.6..1.0) * if rng.random::<bool>() { 1.0 } else { -1.0 };
+            command_v.extend(std::iter::repeat_n(rest_v + last_v, rows(rng.random_range(4e-3..8e-3))));
             rest_s
         }
         History::JustClimbed { volts, steps, rest_s } => {
@@ -395,7 +444,10 @@ impl<'a> Board<'a> {
     }
 
     fn edge_time(&self, row: usize) -> f64 {
-        row as f64 * self.period_s + self.offset_s
+        // Edges stay in order.
+        let turn_s = self.timing.edge_turns_s.min(0.4 * self.period_s);
+        let way = if row % 2 == 1 { 1.0 } else { -1.0 };
+        row as f64 * self.period_s + self.offset_s + way * turn_s
     }
 
     /// Decides and logs the command of a row, and returns what reaches the amplifier.
@@ -523,6 +575,7 @@ pub(crate) struct Motion {
 
 impl Motion {
     fn new(bench: &Bench, h_s: f64, chance: &mut Chance) -> Self {
+        let drives = bench.drives.iter().map(|part| part.begin(h_s, &mut chance.parts)).collect();
         let phases = bench.forces.iter().map(|part| part.begin(TAU * chance.parts.random::<f64>()));
         let drag = 0.5 * h_s * bench.damping_n_s_per_m;
         let inverse = 1.0 / (bench.mass_kg + drag);
@@ -533,7 +586,7 @@ impl Motion {
             w_m_per_s: 0.0,
             v: vec![0.0; bench.hysterons.len()],
             drive_v: 0.0,
-            drives: bench.drives.iter().map(|part| part.begin(h_s)).collect(),
+            drives,
             forces: phases.collect(),
             follows: bench.follows.iter().map(|part| part.begin(h_s)).collect(),
             needs_corrector: bench.forces.iter().any(Force::feels_velocity),

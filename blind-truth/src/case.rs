@@ -1,12 +1,12 @@
 //! Makes a case: draws the truth, finds the size of its effect, records the logs.
 
 use crate::bench::{Bench, History, STEP_S, Session, Source, record};
+use crate::digitise::Noise;
 use crate::effects::{EffectId, ForeignKind, Split, Subject};
 use crate::forms::{self, Planted};
 use crate::nominal;
 use crate::plan::{self, Plan, Size};
 use crate::record::Record;
-use crate::sensor::Noise;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;

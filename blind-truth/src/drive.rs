@@ -4,6 +4,8 @@
 //! an edge inside an interval costs no half step of delay. A part is a setting; what it remembers lives in `Memory`.
 
 use crate::structure::softplus;
+use rand::RngExt;
+use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
 /// What one part remembers during a run. A fixed array: no part needs more, and a run allocates nothing per step.
@@ -40,18 +42,43 @@ pub(crate) enum Drive {
     RoundClip { side: f64, level_v: f64, over_v: f64 },
     /// v = clip(u, +-L (1 - s w)), tau w' = |v|/L - w: rails that sag while the supply is loaded.
     SaggingClip { level_v: f64, share: f64, tau_s: f64 },
+    /// v = clip(u, +-L (1 - r (1 + sin(2 pi f t + phase))/2)): rails with the rectifier's ripple.
+    RippledClip { level_v: f64, share: f64, hz: f64 },
+    /// v = clip(u + z), its corner rounded: z is what was cut last and goes with tau once the command comes back
+    /// (overload recovery).
+    LateClip { level_v: f64, over_v: f64, tau_s: f64 },
     /// v = g u, g by polarity: a push-pull stage whose halves differ.
     GainBySign { up: f64, down: f64 },
     /// v = u (1 + e (1 + r |u|/60 V)): a divider whose resistors have a voltage coefficient.
     VoltageCoefficient { error: f64, ratio: f64 },
+    /// v = u (1 + e) + e r s tanh(u/s): a class-AB stage, both halves of which conduct about zero.
+    Overlap { error: f64, ratio: f64, over_v: f64 },
+    /// v = u (1 + e) + e r max(0, |u| - U) sgn u: a stage that goes over to its upper rails (class G).
+    UpperRails { error: f64, ratio: f64, from_v: f64 },
+    /// v = u (1 + e (1 + r sin(2 pi f t + phase))): a gain set by a rippled supply.
+    RippledGain { error: f64, share: f64, hz: f64 },
+    /// v = u (1 + e (1 - r exp(-t/tau))): most of the error there at once, the rest as the feedback resistors warm.
+    SettlingGain { error: f64, share: f64, tau_s: f64 },
+    /// The gain error is by turns e and e (1 - r), for random dwells: a poor contact in the feedback.
+    FlickeringGain { error: f64, share: f64, mean_s: f64 },
+    /// v = u + a (sin(2 pi f t + p1) + harmonics 2 and 3): mains on the amplifier's output.
+    Hum { v: f64, hz: f64, second: f64, third: f64 },
     /// v = r u + (1 - r) lag of u: a lag that part of the command runs past (pole and zero).
     LeadLag { tau_s: f64, past: f64 },
     /// A lag that charges and discharges through different resistances.
     LagByDirection { up_s: f64, down_s: f64 },
     /// A lag whose load grows with the voltage, as a ceramic's capacitance does: tau (1 + m |v| / 60 V).
     GrowingLag { tau_s: f64, more: f64 },
+    /// tau v' = (u - v) (1 + |u - v|/U): a stage that is given more current for a large error.
+    HurriedLag { tau_s: f64, swing_v: f64 },
+    /// A lag with tau (1 + m / (1 + (v/s)^2)): a class-B stage, starved where its halves take over from each other.
+    CrossoverLag { tau_s: f64, more: f64, over_v: f64 },
     /// v' bounded, away from zero the tighter the less head room is left: bound (1 - loss |v| / 66 V).
     SlewByLevel { limit_v_per_s: f64, loss: f64 },
+    /// v' bounded away from zero by `charge` and towards it by `discharge`: a supply that cannot take back what it gave.
+    SlewByCharge { charge_v_per_s: f64, discharge_v_per_s: f64 },
+    /// v' bounded by s (1 + |u - v|/U): a bound that gives way to a large error.
+    SlewByError { limit_v_per_s: f64, swing_v: f64 },
     /// v' bounded by s (1 + boost r), tau r' = 1 - r - (share of the bound in use): short edges are faster.
     SlewReserve { limit_v_per_s: f64, boost: f64, tau_s: f64 },
     /// All-pass of second order (Pade) with the given delay.
@@ -64,6 +91,20 @@ pub(crate) enum Drive {
     SkewedStop { share: f64, edge_v: f64 },
     /// v = u + a max(0, u - at) for one polarity: Kuhnen's one-sided dead zone.
     OneSided { side: f64, slope: f64, at_v: f64 },
+    /// v = u + a p^2 / 60 V, p the play of u: strain that goes with the square of a polarisation with its own loop.
+    Butterfly { share: f64, edge_v: f64 },
+    /// v = u + a (w - w0), w0 a play and w the same whose way back is bent by u^2: Prandtl-Ishlinskii with an envelope
+    /// for each branch.
+    BentPlay { share: f64, edge_v: f64, bend: f64 },
+    /// v = u - a stop(max(0, u)) for one polarity: domains that switch under one sign only.
+    OneSidedLoop { side: f64, share: f64, edge_v: f64 },
+    /// v = u - a (z - z0), z0' = u' - |u'| z0/s and z the same with another s for each way: Duhem.
+    SkewedDuhem { share: f64, over_v: f64, skew: f64 },
+    /// v = u - a z, z' = u' - ((1 - c) |u'| z + c u' |z|)/s: Bouc and Wen.
+    BoucWen { share: f64, over_v: f64, shape: f64 },
+    /// v = u + a (w - w0), w0 a play and w the same whose edge grows with |u'|, smoothed: rate-dependent
+    /// Prandtl-Ishlinskii without its part at rest.
+    RatePlay { share: f64, edge_v: f64, more_s_per_v: f64 },
     /// v = u - a sum w_i stop_i(u): Prandtl-Ishlinskii on the voltage; pairs of weight and edge in volts.
     Plays { share: f64, plays: Vec<(f64, f64)> },
     /// v = u + a mean of relays that follow the sign of u beyond +-h_i, h_i from `from_v` to `to_v`: Preisach.
@@ -76,6 +117,10 @@ pub(crate) enum Drive {
     LeakWarming { gain: f64, tau_s: f64 },
     /// v = u (1 + a (sin(2 pi t/P + phase) - sin phase)): a room that warms and cools.
     RoomSwing { gain: f64, period_s: f64, phase_rad: f64 },
+    /// v = u (1 + a (1 - (1 + t/tau) exp(-t/tau))): heat that comes through another body first.
+    LateWarming { gain: f64, tau_s: f64 },
+    /// v = u (1 + a (1 - exp(-(t - t1)/tau))) from a random moment t1 <= `within_s` on: a fan that is switched on.
+    WarmingFrom { gain: f64, tau_s: f64, within_s: f64 },
     /// v = u (1 - p log10(1 + t/t0)): loss of polarisation (anchors F9).
     Ageing { per_decade: f64, t0_s: f64 },
     /// v = u + sum of lags of u with weights g_i: creep that pushes the structure.
@@ -129,10 +174,21 @@ pub(crate) fn second_order(x: &mut f64, rate: &mut f64, u: f64, w: f64, z: f64, 
 }
 
 impl Drive {
-    /// Memory at rest at `u0_v`, with step-dependent constants filled in.
-    pub(crate) fn begin(&self, h_s: f64) -> Memory {
+    /// Memory at rest, with step-dependent constants filled in; phases and dwells that differ per log are drawn here.
+    pub(crate) fn begin(&self, h_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
+            Drive::RippledGain { .. } | Drive::RippledClip { .. } => memory[1] = rng.random::<f64>() * TAU,
+            Drive::WarmingFrom { within_s, .. } => memory[1] = rng.random::<f64>() * within_s,
+            Drive::Hum { .. } => memory[1..4].fill_with(|| rng.random::<f64>() * TAU),
+            Drive::FlickeringGain { mean_s, .. } => {
+                // The moments at which it changes over; after the last it stays.
+                let mut at_s = 0.0;
+                memory[2..].fill_with(|| {
+                    at_s -= mean_s * (1.0 - rng.random::<f64>()).ln();
+                    at_s
+                });
+            }
             Drive::Lag { tau_s }
             | Drive::TimeWarming { tau_s, .. }
             | Drive::PowerWarming { tau_s, .. }
@@ -196,8 +252,58 @@ impl Drive {
                 m[0] += (v.abs() / level_v - m[0]) * (h_s / tau_s);
                 v
             }
+            Drive::RippledClip { level_v, share, hz } => {
+                let ripple = 0.5 * (1.0 + (TAU * hz * middle_of(m, h_s) + m[1]).sin());
+                let now_v = level_v * (1.0 - share * ripple);
+                u.clamp(-now_v, now_v)
+            }
+            Drive::LateClip { level_v, over_v, tau_s } => {
+                let cut = |v: f64| v.signum() * (softplus(v.abs() - level_v, *over_v) - softplus(-level_v, *over_v));
+                let excess_v = cut(u);
+                if excess_v.abs() >= m[0].abs() {
+                    m[0] = excess_v;
+                } else {
+                    m[0] += (excess_v - m[0]) * -(-h_s / tau_s).exp_m1();
+                }
+                u + m[0] - cut(u + m[0])
+            }
             Drive::GainBySign { up, down } => u * if u >= 0.0 { up } else { down },
             Drive::VoltageCoefficient { error, ratio } => u * (1.0 + error * (1.0 + ratio * u.abs() / 60.0)),
+            Drive::Overlap { error, ratio, over_v } => u * (1.0 + error) + error * ratio * over_v * (u / over_v).tanh(),
+            Drive::UpperRails { error, ratio, from_v } => {
+                u * (1.0 + error) + error * ratio * (u - u.clamp(-from_v, *from_v))
+            }
+            Drive::RippledGain { error, share, hz } => {
+                u * (1.0 + error * (1.0 + share * (TAU * hz * middle_of(m, h_s) + m[1]).sin()))
+            }
+            Drive::SettlingGain { error, share, tau_s } => {
+                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s) / tau_s).exp()))
+            }
+            Drive::FlickeringGain { error, share, .. } => {
+                let t_s = middle_of(m, h_s);
+                let changes = m[2..].iter().filter(|at_s| **at_s < t_s).count();
+                u * (1.0 + error * if changes % 2 == 0 { 1.0 } else { 1.0 - share })
+            }
+            Drive::Hum { v, hz, second, third } => {
+                let angle = TAU * hz * middle_of(m, h_s);
+                let harmonics = second * (2.0 * angle + m[2]).sin() + third * (3.0 * angle + m[3]).sin();
+                u + v * ((angle + m[1]).sin() + harmonics)
+            }
+            Drive::CrossoverLag { tau_s, more, over_v } => {
+                let rate_at = |v: f64| {
+                    let share = v / over_v;
+                    (u - m[0]) / (tau_s * (1.0 + more / (1.0 + share * share)) + 0.5 * h_s)
+                };
+                // The place halfway through the step.
+                let middle_v = m[0] + 0.5 * h_s * rate_at(m[0]);
+                advance(m, rate_at(middle_v) * h_s)
+            }
+            Drive::HurriedLag { tau_s, swing_v } => {
+                let rate_at = |v: f64| (u - m[0]) / (tau_s / (1.0 + (u - v).abs() / swing_v) + 0.5 * h_s);
+                // The error halfway through the step.
+                let middle_v = m[0] + 0.5 * h_s * rate_at(m[0]);
+                advance(m, rate_at(middle_v) * h_s)
+            }
             Drive::LeadLag { tau_s, past } => past * u + (1.0 - past) * lag(m, u, *tau_s, h_s),
             Drive::LagByDirection { up_s, down_s } => {
                 let tau_s = if u >= m[0] { up_s } else { down_s };
@@ -217,6 +323,28 @@ impl Drive {
                     wish.clamp(-most, most)
                 };
                 // The room halfway through the step.
+                let middle_v = m[0] + 0.5 * change(m[0]);
+                advance(m, change(middle_v))
+            }
+            Drive::SlewByCharge { charge_v_per_s, discharge_v_per_s } => {
+                let wish_v = u - m[0];
+                let zero_s = m[0].abs() / discharge_v_per_s;
+                let most_v = if wish_v * m[0] >= 0.0 {
+                    charge_v_per_s * h_s
+                } else if zero_s >= h_s || u * m[0] >= 0.0 {
+                    discharge_v_per_s * h_s
+                } else {
+                    // Through zero within the step: the rest of it charges.
+                    m[0].abs() + charge_v_per_s * (h_s - zero_s)
+                };
+                advance(m, wish_v.clamp(-most_v, most_v))
+            }
+            Drive::SlewByError { limit_v_per_s, swing_v } => {
+                let change = |v: f64| {
+                    let most = limit_v_per_s * (1.0 + (u - v).abs() / swing_v) * h_s;
+                    (u - m[0]).clamp(-most, most)
+                };
+                // The error halfway through the step.
                 let middle_v = m[0] + 0.5 * change(m[0]);
                 advance(m, change(middle_v))
             }
@@ -251,6 +379,44 @@ impl Drive {
                 u + share * u * (u - m[0]) / edge_v
             }
             Drive::OneSided { side, slope, at_v } => u + side * slope * (side * u - at_v).max(0.0),
+            Drive::Butterfly { share, edge_v } => {
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                u + share * m[0] * m[0] / 60.0
+            }
+            Drive::BentPlay { share, edge_v, bend } => {
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                // The bend stays within the width, or the branches would cross.
+                let back_v = (u + edge_v + bend * u * u / 60.0).max(u - edge_v);
+                m[1] = m[1].clamp(u - edge_v, back_v);
+                u + share * (m[1] - m[0])
+            }
+            Drive::OneSidedLoop { side, share, edge_v } => {
+                let one = (side * u).max(0.0);
+                m[0] = m[0].clamp(one - edge_v, one + edge_v);
+                u - side * share * (one - m[0])
+            }
+            Drive::SkewedDuhem { share, over_v, skew } => {
+                let change_v = u - m[2];
+                m[2] = u;
+                m[0] = duhem(m[0], change_v, *over_v, *over_v);
+                m[1] = duhem(m[1], change_v, over_v * (1.0 + skew), over_v * (1.0 - skew));
+                u - share * (m[1] - m[0])
+            }
+            Drive::BoucWen { share, over_v, shape } => {
+                m[0] = bouc_wen(m[0], u - m[2], *over_v, *shape);
+                m[2] = u;
+                u - share * m[0]
+            }
+            Drive::RatePlay { share, edge_v, more_s_per_v } => {
+                const SMOOTH_S: f64 = 3e-4;
+                m[3] += ((u - m[2]) / h_s - m[3]) * -(-h_s / SMOOTH_S).exp_m1();
+                m[2] = u;
+                // A step's rate has no bound; a ceramic's threshold has.
+                let now_v = edge_v * (1.0 + more_s_per_v * m[3].abs()).min(3.0);
+                m[0] = m[0].clamp(u - edge_v, u + edge_v);
+                m[1] = m[1].clamp(u - now_v, u + now_v);
+                u + share * (m[1] - m[0])
+            }
             Drive::Plays { share, plays } => {
                 let mut held_back = 0.0;
                 for (at, (weight, edge_v)) in m.iter_mut().zip(plays) {
@@ -282,6 +448,14 @@ impl Drive {
                 m[0] += h_s;
                 u * (1.0 + gain * ((TAU * m[0] / period_s + phase_rad).sin() - phase_rad.sin()))
             }
+            Drive::LateWarming { gain, tau_s } => {
+                let t = middle_of(m, h_s) / tau_s;
+                u * (1.0 + gain * (1.0 - (1.0 + t) * (-t).exp()))
+            }
+            Drive::WarmingFrom { gain, tau_s, .. } => {
+                let t = (middle_of(m, h_s) - m[1]).max(0.0) / tau_s;
+                u * (1.0 - gain * (-t).exp_m1())
+            }
             Drive::Ageing { per_decade, t0_s } => {
                 m[0] += h_s;
                 u * (1.0 - per_decade * (m[0] / t0_s).ln_1p() / std::f64::consts::LN_10)
@@ -291,6 +465,33 @@ impl Drive {
     }
 }
 
+/// z after a change of the voltage by which z' = u' - |u'| z/s, with another s for each way: exact for any change.
+fn duhem(z: f64, change_v: f64, up_v: f64, down_v: f64) -> f64 {
+    let goal = if change_v > 0.0 { up_v } else { -down_v };
+    goal + (z - goal) * (-change_v.abs() / goal.abs()).exp()
+}
+
+/// z after a change of the voltage by which z' = u' - ((1 - c) |u'| z + c u' |z|)/s: exact for any change.
+fn bouc_wen(z: f64, change_v: f64, over_v: f64, shape: f64) -> f64 {
+    if change_v == 0.0 {
+        return z;
+    }
+    let mut left_v = change_v.abs();
+    let mut size = z;
+    if z * change_v < 0.0 {
+        // Back to zero first, at the slope 1 + k |z|/s.
+        let k = 1.0 - 2.0 * shape;
+        let far = over_v / k;
+        let zero_v = far * (z.abs() / far).ln_1p();
+        if left_v < zero_v {
+            return z.signum() * ((z.abs() + far) * (-left_v / far).exp() - far);
+        }
+        left_v -= zero_v;
+        size = 0.0;
+    }
+    change_v.signum() * (over_v + (size.abs() - over_v) * (-left_v / over_v).exp())
+}
+
 /// Exact first-order lag, its decay over the usual step kept in `m[3]`; returns the mean over the step.
 fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
     let decay = if h_s == m[4] { m[3] } else { (-h_s / tau_s).exp() };
@@ -298,6 +499,12 @@ fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
     m[0] += change;
     // The integral of the lag's own equation: mean = u - tau (end - start) / h.
     u - tau_s * change / h_s
+}
+
+/// Advances the clock in `m[0]` and returns the time in the middle of the step.
+fn middle_of(m: &mut Memory, h_s: f64) -> f64 {
+    m[0] += h_s;
+    m[0] - 0.5 * h_s
 }
 
 fn advance(m: &mut Memory, change: f64) -> f64 {

@@ -3,11 +3,11 @@
 
 use crate::bench::{Bench, History, STEP_S};
 use crate::case::{find_amplitude, play_one};
+use crate::digitise::Noise;
 use crate::effects::{EffectId, Split};
 use crate::forms;
 use crate::nominal::{bench, nominal};
 use crate::plan::{self, Plan, Size};
-use crate::sensor::Noise;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;

@@ -28,6 +28,8 @@ pub(crate) enum Leak {
     Kink { at_v: f64, more: f64 },
     /// d/2 grows by `v_s_per_m` |q'|: rate-dependent threshold (anchors F5).
     Threshold { v_s_per_m: f64 },
+    /// beta grows by `s_per_m` |q'|: walls that conduct better while they move.
+    Eased { s_per_m: f64 },
 }
 
 impl Leak {
@@ -37,7 +39,7 @@ impl Leak {
         match self {
             Leak::Power { exponent, reference_v } => lambda * reference_v * (over_v / reference_v).powf(exponent),
             Leak::Kink { at_v, more } => lambda * (over_v + more * (over_v - at_v).max(0.0)),
-            Leak::Linear | Leak::Threshold { .. } | Leak::Sinh { .. } => lambda * over_v,
+            Leak::Linear | Leak::Threshold { .. } | Leak::Eased { .. } | Leak::Sinh { .. } => lambda * over_v,
         }
     }
 }
@@ -103,7 +105,7 @@ impl Prepared {
         let side = if v >= 0.0 { &self.up } else { &self.down };
         let rate = side.v_per_m * w_m_per_s;
         let half = match self.leak {
-            Leak::Linear => side.half_v,
+            Leak::Linear | Leak::Eased { .. } => side.half_v,
             Leak::Threshold { v_s_per_m } => side.half_v + v_s_per_m * w_m_per_s.abs(),
             Leak::Sinh { reference_v } => {
                 // Half of the motion, the leak's own fall (exact, however steep), the other half.
@@ -127,6 +129,11 @@ impl Prepared {
         } * widen;
         // By symmetry only v >= 0 need be written out.
         let sign = if v >= 0.0 { 1.0 } else { -1.0 };
+        if let Leak::Eased { s_per_m } = self.leak {
+            let more = 1.0 + s_per_m * w_m_per_s.abs();
+            let eased = PreparedSide { lambda: more * side.lambda, tau_s: side.tau_s / more, ..*side };
+            return sign * relax(sign * v, sign * rate, half, &eased, h_s);
+        }
         sign * relax(sign * v, sign * rate, half, side, h_s)
     }
 }

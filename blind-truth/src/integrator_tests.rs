@@ -2,11 +2,12 @@
 //! balance. No test here looks at a case.
 
 use crate::bench::{Bench, History, Jitter, Loop, Motion, STEP_S, Session, Source, record};
+use crate::digitise::{Digitise, Noise};
 use crate::drive::Drive;
 use crate::hysteron::Hysteron;
 use crate::nominal::{bench, nominal};
 use crate::record::Record;
-use crate::sensor::{Digitise, Follow, Measure, Noise, Row};
+use crate::sensor::{Follow, Measure, Row};
 use crate::structure::Force;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -115,6 +116,18 @@ fn every_part_converges_too() {
         Force::HuntCrossley { n_per_m15: 4.0 * k / 3e-3, gap_m: 80e-6, s_per_m: 2.0 },
         Force::Bumper { side: -1.0, n_per_m: 2.0 * k, gap_m: 80e-6, thick_m: 4e-6, soft_share: 0.2 },
         Force::PadStop { n_per_m: 2.0 * k, gap_m: 80e-6, share: 0.5, tau_s: 3e-3 },
+        Force::RoughStop { side: -1.0, n_per_m: 2.0 * k, gap_m: 80e-6, over_m: 1e-6 },
+        Force::RubbingStop { n_per_m: 2.0 * k, gap_m: 80e-6, friction: 0.3 },
+        Force::PreloadedStop { n: 0.1, n_per_m: 0.5 * k, gap_m: 80e-6, over_m: 0.5e-6 },
+        Force::DentingStop { n_per_m: 2.0 * k, gap_m: 80e-6, yield_n: 0.3 },
+        Force::LeafStop { n_per_m: 8.0 * k, gap_m: 80e-6, kg: 1e-4, hz: 2e3, damping_ratio: 0.05 },
+        Force::Hertz { n_per_m: 0.05 * k, at_m: 1e-4 },
+        Force::Detent { n_per_m: 0.05 * k, period_m: 1.5e-4 },
+        Force::Magnet { n_per_m: 0.05 * k, away_m: -4e-4 },
+        Force::Cone { n_per_m: 0.05 * k, pressed_m: 2e-4 },
+        Force::RubbedSpot { n: 0.05, slip_m: 1e-6, at_m: 2e-5, width_m: 3e-5 },
+        Force::Jenkins { n: 0.05, slip_m: 1e-6 },
+        Force::Ageing { n: 0.05, slip_m: 1e-6, per_e: 0.1, from_s: 1e-3 },
         Force::Coulomb { n: 0.05 },
         Force::CoulombByWay { forth_n: 0.05, back_n: 0.03 },
         Force::MaxwellSlip { n: 0.05, slip_m: 1e-6 },
@@ -136,6 +149,14 @@ fn every_part_converges_too() {
         Drive::GrowingLag { tau_s: 5e-5, more: 1.0 },
         Drive::SlewByLevel { limit_v_per_s: 3e5, loss: 0.7 },
         Drive::SlewReserve { limit_v_per_s: 1e5, boost: 3.0, tau_s: 2e-4 },
+        Drive::HurriedLag { tau_s: 2e-4, swing_v: 20.0 },
+        Drive::CrossoverLag { tau_s: 1e-4, more: 1.5, over_v: 10.0 },
+        Drive::SlewByCharge { charge_v_per_s: 2e5, discharge_v_per_s: 4e5 },
+        Drive::SlewByError { limit_v_per_s: 2e5, swing_v: 30.0 },
+        Drive::BoucWen { share: 0.1, over_v: 15.0, shape: 0.2 },
+        Drive::SkewedDuhem { share: 0.2, over_v: 20.0, skew: 0.4 },
+        Drive::BentPlay { share: 0.2, edge_v: 12.0, bend: 0.2 },
+        Drive::OneSidedLoop { side: 1.0, share: 0.1, edge_v: 10.0 },
     ] {
         benches.push((format!("{drive:?}"), Bench { drives: vec![drive], ..silent() }));
     }
@@ -148,6 +169,11 @@ fn every_part_converges_too() {
         Follow::DraggedMode { share: 0.05, hz: 900.0, damping_ratio: 0.01 },
         Follow::HardeningMode { m_per_v: 1e-7, hz: 900.0, damping_ratio: 0.01, at_v: 120.0 },
         Follow::WornPlay { half_m: 5e-7, per_m: 6e3 },
+        Follow::LagByStroke { tau_s: 5e-5, per_m: 5e3 },
+        Follow::PeakDetector { tau_s: 3e-5, slower: 2.0 },
+        Follow::JointMode { m_per_v: 1e-7, hz: 900.0, damping_ratio: 0.01, more: 2.0, at_v: 20.0 },
+        Follow::LooseMode { m_per_v: 1e-7, hz: 900.0, damping_ratio: 0.01, share: 0.05, tau_s: 0.3 },
+        Follow::LeaningPlay { half_m: 5e-7, tau_s: 5e-3 },
     ] {
         benches.push((format!("{follow:?}"), Bench { follows: vec![follow], ..silent() }));
     }
@@ -219,6 +245,10 @@ fn no_free_bench_gains_energy() {
         with(Force::MaxwellSlip { n: 0.05, slip_m: 1e-6 }),
         with(Force::StickyStop { n_per_m: 2.0 * k, gap_m: 40e-6, neck_m: 8e-6 }),
         with(Force::PadStop { n_per_m: 2.0 * k, gap_m: 40e-6, share: 0.5, tau_s: 3e-3 }),
+        with(Force::RubbingStop { n_per_m: 2.0 * k, gap_m: 40e-6, friction: 0.3 }),
+        with(Force::DentingStop { n_per_m: 2.0 * k, gap_m: 40e-6, yield_n: 0.3 }),
+        with(Force::LeafStop { n_per_m: k, gap_m: 60e-6, kg: 3e-4, hz: 1e3, damping_ratio: 0.05 }),
+        with(Force::Jenkins { n: 0.05, slip_m: 1e-6 }),
     ];
     let creeping = Hysteron::symmetric(2e-6, 2e-6 / 0.01, 0.0);
     benches.push(("creep".to_owned(), Bench { hysterons: vec![creeping], ..bare.clone() }));
@@ -253,7 +283,7 @@ fn no_free_bench_gains_energy() {
 fn drive_parts_have_their_gain_and_bounds() {
     let h = 1e-6;
     let settle = |drive: &Drive, u: f64| {
-        let mut memory = drive.begin(h);
+        let mut memory = drive.begin(h, &mut Pcg64::seed_from_u64(5));
         (0..20_000).map(|_| drive.step(&mut memory, u, h)).last().unwrap()
     };
     for drive in [
@@ -268,6 +298,14 @@ fn drive_parts_have_their_gain_and_bounds() {
         Drive::GrowingLag { tau_s: 1e-3, more: 0.5 },
         Drive::SlewByLevel { limit_v_per_s: 1e5, loss: 0.7 },
         Drive::SlewReserve { limit_v_per_s: 1e5, boost: 3.0, tau_s: 1e-3 },
+        Drive::HurriedLag { tau_s: 1e-3, swing_v: 20.0 },
+        Drive::CrossoverLag { tau_s: 1e-3, more: 1.5, over_v: 10.0 },
+        Drive::SlewByCharge { charge_v_per_s: 1e5, discharge_v_per_s: 2e5 },
+        Drive::SlewByError { limit_v_per_s: 1e5, swing_v: 30.0 },
+        // Without a share of its own each of these shows what goes with it alone.
+        Drive::SkewedDuhem { share: 0.0, over_v: 20.0, skew: 0.4 },
+        Drive::RatePlay { share: 0.2, edge_v: 5.0, more_s_per_v: 0.0 },
+        Drive::BentPlay { share: 0.2, edge_v: 12.0, bend: 0.0 },
     ] {
         assert!((settle(&drive, 50.0) - 50.0).abs() < 1e-3, "{drive:?}");
     }
@@ -279,6 +317,8 @@ fn drive_parts_have_their_gain_and_bounds() {
         (Drive::Rapp { level_v: 40.0, order: 8.0 }, 40.0),
         (Drive::RoundClip { side: 1.0, level_v: 40.0, over_v: 2.0 }, 40.0 + 1e-6),
         (Drive::SaggingClip { level_v: 40.0, share: 0.1, tau_s: 1e-3 }, 37.0),
+        (Drive::RippledClip { level_v: 40.0, share: 0.1, hz: 100.0 }, 40.0),
+        (Drive::LateClip { level_v: 40.0, over_v: 1.5, tau_s: 1e-3 }, 40.0 + 1e-6),
     ] {
         assert!(settle(&drive, 500.0) <= top && (settle(&drive, 0.1) - 0.1).abs() < 1e-4, "{drive:?}");
     }
@@ -344,7 +384,7 @@ fn history_ends_at_rest_and_drift_starts_at_row_zero() {
 
 #[test]
 fn noises_have_the_rms_they_claim() {
-    let row = Row { t_s: 0.0, period_s: 5e-5 };
+    let row = |k: u32| Row { t_s: f64::from(k) * 5e-5, period_s: 5e-5 };
     for part in [
         Digitise::White { m: 1.0 },
         Digitise::Coloured { m: 1.0, corner_hz: 300.0 },
@@ -352,9 +392,13 @@ fn noises_have_the_rms_they_claim() {
         Digitise::Shaped { m: 1.0 },
         Digitise::Spikes { m: 1.0, share: 0.05 },
         Digitise::Popcorn { m: 1.0, mean_s: 1e-3 },
+        Digitise::HeavyTails { m: 1.0, degrees: 5 },
+        Digitise::Lamp { m: 1.0, hz: 50.0, depth: 0.8 },
+        Digitise::Crackle { m: 1.0, hits_per_s: 300.0, hz: 2e3, decay_s: 4e-4 },
+        Digitise::Held { m: 1.0, rows: 4 },
     ] {
         let (mut memory, mut rng) = ([0.0; 32], Pcg64::seed_from_u64(5));
-        let square: f64 = (0..100_000).map(|_| part.read(&mut memory, 0.0, &row, &mut rng).powi(2)).sum();
+        let square: f64 = (0..100_000).map(|k| part.read(&mut memory, 0.0, &row(k), &mut rng).powi(2)).sum();
         let rms = (square / 1e5).sqrt();
         assert!((rms - 1.0).abs() < 0.05, "{part:?}: {rms}");
     }
@@ -373,8 +417,63 @@ fn lost_rows_show_what_their_link_says() {
     let runs = late(Digitise::OutOfStep { probability: 0.002, rows: 20 });
     let share = runs.iter().sum::<f64>() / runs.len() as f64;
     assert!(runs.iter().all(|rows| *rows == 0.0 || *rows == 1.0) && (0.02..0.06).contains(&share), "{share}");
+    // On a straight line what is carried on shows no error at all.
+    assert!(late(Digitise::CarriedOn { probability: 0.05, length: 4 }).iter().all(|rows| *rows == 0.0));
+    let regular = late(Digitise::Regular { share: 0.02, length: 3 });
+    let lost = regular.iter().filter(|rows| **rows > 0.0).count();
+    assert!(regular.iter().all(|rows| (0.0..=3.0).contains(rows)) && (390..=410).contains(&lost), "{lost}");
+    let thinned = late(Digitise::Thinned { probability: 0.001, rows: 60, every: 3 });
+    assert!(thinned.iter().all(|rows| (0.0..=2.0).contains(rows)) && thinned.contains(&2.0));
+    let replayed = late(Digitise::Replayed { probability: 0.02, rows: 5 });
+    assert!(replayed.iter().all(|rows| rows % 5.0 == 0.0) && replayed.contains(&5.0));
     // A running mean over four rows is three late on the ramp, and four by the row that it stands for.
     let filled = late(Digitise::Filled { probability: 0.01, rows: 4.0 });
     let mean: Vec<f64> = filled[100..].iter().copied().filter(|rows| *rows != 0.0).collect();
     assert!(mean.len() > 100 && mean.iter().all(|rows| (3.9..9.0).contains(rows)));
+}
+
+#[test]
+fn hysteretic_drive_parts_are_exact_for_any_change() {
+    let end = |drive: &Drive, parts: usize| {
+        let mut memory = drive.begin(1e-6, &mut Pcg64::seed_from_u64(5));
+        let (mut from, mut out) = (0.0, 0.0);
+        for to in [50.0, 20.0, 35.0, -60.0, -60.0, 10.0] {
+            for k in 1..=parts {
+                out = drive.step(&mut memory, from + (to - from) * k as f64 / parts as f64, 1e-6);
+            }
+            from = to;
+        }
+        out
+    };
+    for drive in [
+        Drive::BoucWen { share: 0.3, over_v: 15.0, shape: -0.2 },
+        Drive::SkewedDuhem { share: 0.3, over_v: 20.0, skew: 0.4 },
+        Drive::OneSidedLoop { side: -1.0, share: 0.1, edge_v: 10.0 },
+        Drive::Butterfly { share: 0.05, edge_v: 8.0 },
+    ] {
+        assert!((end(&drive, 1) - end(&drive, 1000)).abs() < 1e-9, "{drive:?}");
+        assert!((end(&drive, 1) - 10.0).abs() > 1e-3, "{drive:?} remembers nothing");
+    }
+}
+
+#[test]
+fn clocks_and_edges_keep_their_order() {
+    let command_v = sine(60.0, 100.0, 0.1);
+    let plain = play(&silent(), &command_v, STEP_S);
+    let with = |change: fn(&mut Bench)| {
+        let mut bench = silent();
+        change(&mut bench);
+        play(&bench, &command_v, STEP_S)
+    };
+    let synced = with(|bench| (bench.timing.clock_error, bench.timing.clock_sync_s) = (1e-3, 0.04));
+    // Rows are 20 us late just before they are put right at 0.04 s, and right again at 0.08 s.
+    assert!((synced[1_600] - plain[1_600]).abs() < 1e-6 && largest_difference_nm(&synced, &plain) > 500.0);
+    let settling = with(|bench| (bench.timing.clock_error, bench.timing.clock_settling) = (1e-3, Some((0.9, 0.01))));
+    let constant = with(|bench| bench.timing.clock_error = 1e-3);
+    assert!(largest_difference_nm(&settling, &plain) < 0.4 * largest_difference_nm(&constant, &plain));
+    // Turns are a tenth of a delay and cancel on average.
+    let turns = with(|bench| (bench.timing.command_delay_s, bench.timing.edge_turns_s) = (1e-4, 1e-5));
+    let delayed = with(|bench| bench.timing.command_delay_s = 1e-4);
+    let moved_nm = largest_difference_nm(&turns, &delayed);
+    assert!(moved_nm > 1.0 && moved_nm < 0.05 * largest_difference_nm(&delayed, &plain), "{moved_nm} nm");
 }

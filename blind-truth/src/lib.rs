@@ -16,6 +16,7 @@
 
 mod bench;
 mod case;
+mod digitise;
 mod drive;
 mod effects;
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! The nominal plant: what the diagnosis is told, and the honest scatter of the true one about it.
 
 use crate::bench::{Bench, History, Start, Timing};
+use crate::digitise::Noise;
 use crate::hysteron::Hysteron;
-use crate::sensor::{Noise, normal};
+use crate::sensor::normal;
 use rand_pcg::Pcg64;
 
 /// Thesis Table 2.1. The same numbers as every other room reads from models/thesis-phs.toml; repeated here because this

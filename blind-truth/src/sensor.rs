@@ -1,7 +1,7 @@
 //! Parts between the moving mass and the logged number: what the sensor sees, filters, adds and rounds.
 //!
 //! `Follow` parts run with the integrator, because their memory follows the motion between samples. `Measure` parts act
-//! once per row: before the noise (`Measure`) or after it (`Digitise`).
+//! once per row before the noise; what acts after it is in `digitise`.
 
 use crate::drive::{Chain, Memory, second_order};
 use rand::RngExt;
@@ -38,6 +38,19 @@ pub(crate) enum Follow {
     DraggedMode { share: f64, hz: f64, damping_ratio: f64 },
     /// As `DriveMode`, on a spring that hardens: w^2 grows by (s/at)^2.
     HardeningMode { m_per_v: f64, hz: f64, damping_ratio: f64, at_v: f64 },
+    /// A lag whose time constant grows along the stroke, tau (1 + c x): a head that gets less light the farther it is.
+    LagByStroke { tau_s: f64, per_m: f64 },
+    /// A lag that falls more slowly than it rises: a carrier's rectifier.
+    PeakDetector { tau_s: f64, slower: f64 },
+    /// As `DriveMode`, in a joint that slips: the damping ratio grows by the given share per `at_v` of swing's rate.
+    JointMode { m_per_v: f64, hz: f64, damping_ratio: f64, more: f64, at_v: f64 },
+    /// As `DriveMode`, on a mount that works loose: the frequency falls by `share` with tau.
+    LooseMode { m_per_v: f64, hz: f64, damping_ratio: f64, share: f64, tau_s: f64 },
+    /// Play taken up by a weak spring: inside the gap y goes back to one flank with tau.
+    LeaningPlay { half_m: f64, tau_s: f64 },
+    /// Play with a loose part in it that flies on with tau between the flanks, and comes off them with a share of its
+    /// speed.
+    Rattle { half_m: f64, tau_s: f64, back: f64 },
     /// The reading sticks until the target has moved by `break_m`, then jumps to it (foreign).
     Stiction { break_m: f64 },
 }
@@ -50,7 +63,8 @@ impl Follow {
             Follow::Lag { tau_s }
             | Follow::LeadLag { tau_s, .. }
             | Follow::TwoLags { tau_s }
-            | Follow::SoftPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
+            | Follow::SoftPlay { tau_s, .. }
+            | Follow::LeaningPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
             _ => {}
         }
         memory
@@ -132,6 +146,56 @@ impl Follow {
                 let shape = follow(m, force_v, TAU * hz * stiffer, damping_ratio / stiffer, h_s) + 0.5 * h_s * m[1];
                 x + m_per_v * shape
             }
+            Follow::LagByStroke { tau_s, per_m } => {
+                let mean = 0.5 * (m[1] + x);
+                m[1] = x;
+                let here_s = tau_s * (1.0 + per_m * mean).max(0.1);
+                m[0] += (mean - m[0]) * h_s / (here_s + 0.5 * h_s);
+                m[0]
+            }
+            Follow::PeakDetector { tau_s, slower } => {
+                let mean = 0.5 * (m[1] + x);
+                m[1] = x;
+                let way_s = if mean >= m[0] { *tau_s } else { slower * tau_s };
+                m[0] += (mean - m[0]) * h_s / (way_s + 0.5 * h_s);
+                m[0]
+            }
+            Follow::JointMode { m_per_v, hz, damping_ratio, more, at_v } => {
+                // The rate halfway through the step.
+                let w = TAU * hz;
+                let swing = ((m[1] / w + 0.5 * h_s * w * (drive_v - m[0])) / at_v).abs();
+                let ratio = damping_ratio * (1.0 + more * swing);
+                let shape = follow(m, drive_v, TAU * hz, ratio, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
+            }
+            Follow::LooseMode { m_per_v, hz, damping_ratio, share, tau_s } => {
+                m[2] += h_s;
+                let now_hz = hz * (1.0 + share * (-m[2] / tau_s).exp_m1());
+                let shape = follow(m, drive_v, TAU * now_hz, *damping_ratio, h_s) + 0.5 * h_s * m[1];
+                x + m_per_v * shape
+            }
+            Follow::LeaningPlay { half_m, .. } => {
+                // At rest the part leans on its flank, and the sensor was zeroed so.
+                m[0] = x + (m[0] - x) * m[3];
+                m[0] = m[0].clamp(x - 2.0 * half_m, x);
+                m[0]
+            }
+            Follow::Rattle { half_m, tau_s, back } => {
+                let base = (x - m[2]) / h_s;
+                m[2] = x;
+                m[1] *= (-h_s / tau_s).exp();
+                m[0] += h_s * m[1];
+                let flank = m[0].clamp(x - half_m, x + half_m);
+                if flank != m[0] {
+                    // Only what runs into the flank comes off it.
+                    let against = (m[1] - base) * (m[0] - flank);
+                    if against > 0.0 {
+                        m[1] = base - back * (m[1] - base);
+                    }
+                    m[0] = flank;
+                }
+                m[0]
+            }
             Follow::Stiction { break_m } => {
                 if (x - m[0]).abs() > *break_m {
                     m[0] = x;
@@ -166,8 +230,18 @@ pub(crate) enum Measure {
     Offset(f64),
     /// y = (1 + e (1 - r exp(-t/tau))) x: a gain error that settles after switching on.
     SettlingGain { error: f64, share: f64, tau_s: f64 },
+    /// y = g x, g by polarity: one half bridge of two is off by more.
+    GainBySign { up: f64, down: f64 },
+    /// y = (1 + e (1 + r sin(2 pi t/P + phase))) x: a reference voltage that breathes.
+    BreathingGain { error: f64, share: f64, period_s: f64 },
+    /// A gain error that becomes another one at a random moment t1 <= `within_s`: a range switch that makes poor contact.
+    SteppedGain { error: f64, later: f64, within_s: f64 },
+    /// y = (1 + e (1 - r A)) x, tau A' = |x|/S - A: an automatic control of the carrier that gives in while deflected.
+    ControlledGain { error: f64, share: f64, tau_s: f64 },
     /// The offset is another one in each log, about `m`: the sensor was zeroed anew.
     OffsetPerLog { m: f64, spread_m: f64 },
+    /// y = x + o, with o either 0 or this, after random dwells: a contact that chatters.
+    Chatter { m: f64, mean_s: f64 },
     /// y = x + c2 x^2 + c3 x^3 (anchors F21); c2 in 1/m, c3 in 1/m^2.
     Polynomial { c2: f64, c3: f64 },
     /// y = x + c4 x^4 + c5 x^5: what a correction of third degree leaves; c4 in 1/m^3, c5 in 1/m^4.
@@ -182,6 +256,10 @@ pub(crate) enum Measure {
     Compression { level_m: f64, centre_m: f64 },
     /// y = x + a sin(2 pi x/p): an interpolating encoder's periodic error.
     Ripple { m: f64, period_m: f64 },
+    /// Steps where a converter's upper bits carry: at `at_m`, and half as high a pitch away on either side.
+    Carries { m: f64, at_m: f64, pitch_m: f64 },
+    /// y = x + r w tanh(x/w): the slope about zero is another one, as where a differential coil is balanced.
+    Hollow { share: f64, width_m: f64 },
     /// y = x + r t.
     LinearDrift { m_per_s: f64 },
     /// y = x + a (1 - exp(-t/tau)): a warming body (anchors F24).
@@ -192,18 +270,34 @@ pub(crate) enum Measure {
     SwingDrift { m: f64, period_s: f64 },
     /// y = x + a (1 - exp(-(t - t1)/tau)) from a random moment t1 <= `within_s` on: a clamp that slips once.
     Slip { m: f64, tau_s: f64, within_s: f64 },
+    /// y = x + a log10(1 + t/t0): a joint that goes on settling after it was tightened.
+    LogDrift { m_per_decade: f64, from_s: f64 },
+    /// y = x + a (1 - (1 + t/tau) exp(-t/tau)): heat that comes through another body first.
+    LateDrift { m: f64, tau_s: f64 },
+    /// y = x + r (t - t1) from a random moment t1 <= `within_s` on: a door was opened.
+    DriftFrom { m_per_s: f64, within_s: f64 },
+    /// Small steps the same way after random dwells: a joint that gives way in jerks.
+    Jerks { m: f64, mean_s: f64 },
+    /// A heater that is switched on for a share of each period: rise and fall are exponentials.
+    Thermostat { m: f64, period_s: f64, on_share: f64 },
     /// y = x + a random walk of the given size after one second.
     RandomWalk { m_per_root_s: f64 },
     /// Mains lines: amplitude at the mains' frequency, ratios of the harmonics 2, 3 and 5 (anchors F25).
     Hum { m: f64, hz: f64, second: f64, third: f64, fifth: f64 },
     /// A mains line with third harmonic whose phase swings: a grid that is not quite at its frequency.
     LooseHum { m: f64, hz: f64, third: f64, swing_rad: f64, swing_s: f64 },
+    /// A mains line with third harmonic that waxes and wanes: a machine nearby whose load changes.
+    SwellingHum { m: f64, hz: f64, third: f64, depth: f64, swell_hz: f64 },
     /// A jump in each half wave that dies out with exp(-k) before the next: a phase-cut dimmer or a rectifier's diodes.
     CutHum { m: f64, hz: f64, decay: f64 },
     /// y = (1 - w) x + w mean of the last n rows: digital smoothing; at most 30 rows.
     Smoothing { weight: f64, rows: u32 },
     /// As `Creep`, of x |x| / S: creep that grows with the square of the stroke.
     SquareCreep(Chain),
+    /// As `Creep`, less by a ratio for negative x: a ceramic poled one way.
+    SidedCreep { chain: Chain, negative: f64 },
+    /// y = x + a z, z a pair of lags of x (the other eight times slower) that go back more slowly than they came.
+    SlowReturn { share: f64, tau_s: f64, slower: f64 },
     /// y = x + sum of lags of x (anchors F1 to F3).
     Creep(Chain),
     /// Motion of a hidden second axis: steps at random times through a lag (foreign).
@@ -225,10 +319,19 @@ impl Measure {
     pub(crate) fn begin(&self, period_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
-            Measure::Creep(chain) | Measure::SquareCreep(chain) => return chain.begin(period_s),
-            Measure::SwingDrift { .. } | Measure::CutHum { .. } => memory[0] = rng.random::<f64>() * TAU,
-            Measure::LooseHum { .. } => memory[0..3].fill_with(|| rng.random::<f64>() * TAU),
-            Measure::Slip { within_s, .. } => memory[0] = rng.random::<f64>() * within_s,
+            Measure::Creep(chain) | Measure::SquareCreep(chain) | Measure::SidedCreep { chain, .. } => {
+                return chain.begin(period_s);
+            }
+            Measure::SwingDrift { .. } | Measure::CutHum { .. } | Measure::BreathingGain { .. } => {
+                memory[0] = rng.random::<f64>() * TAU;
+            }
+            Measure::Thermostat { .. } => memory[0] = rng.random::<f64>(),
+            Measure::LooseHum { .. } | Measure::SwellingHum { .. } => {
+                memory[0..3].fill_with(|| rng.random::<f64>() * TAU)
+            }
+            Measure::Slip { within_s, .. }
+            | Measure::DriftFrom { within_s, .. }
+            | Measure::SteppedGain { within_s, .. } => memory[0] = rng.random::<f64>() * within_s,
             Measure::Hum { .. } => {
                 memory[0] = rng.random::<f64>() * TAU;
                 memory[1] = rng.random::<f64>() * TAU;
@@ -249,8 +352,23 @@ impl Measure {
             Measure::Gain(gain) => gain * x,
             Measure::GainPerLog { .. } => m[0] * x,
             Measure::SettlingGain { error, share, tau_s } => x * (1.0 + error * (1.0 - share * (-t_s / tau_s).exp())),
+            Measure::GainBySign { up, down } => x * if x >= 0.0 { up } else { down },
+            Measure::BreathingGain { error, share, period_s } => {
+                x * (1.0 + error * (1.0 + share * (TAU * t_s / period_s + m[0]).sin()))
+            }
+            Measure::SteppedGain { error, later, .. } => x * (1.0 + if t_s < m[0] { error } else { later }),
+            Measure::ControlledGain { error, share, tau_s } => {
+                m[0] += (x.abs() / CREEP_STROKE_M - m[0]) * (row.period_s / tau_s);
+                x * (1.0 + error * (1.0 - share * m[0]))
+            }
             Measure::Offset(offset) => x + offset,
             Measure::OffsetPerLog { .. } => x + m[0],
+            Measure::Chatter { m: size, mean_s } => {
+                if row.t_s > 0.0 && rng.random::<f64>() < row.period_s / mean_s {
+                    m[0] = 1.0 - m[0];
+                }
+                x + size * m[0]
+            }
             Measure::Polynomial { c2, c3 } => x + c2 * x * x + c3 * x * x * x,
             Measure::HighPolynomial { c4, c5 } => x + x * x * x * x * (c4 + c5 * x),
             Measure::Table { error_m, pitch_m } => {
@@ -269,11 +387,31 @@ impl Measure {
                 level_m * (((x - centre_m) / level_m).tanh() + at) / (1.0 - at * at)
             }
             Measure::Ripple { m: size, period_m } => x + size * (TAU * x / period_m).sin(),
+            Measure::Carries { m: size, at_m, pitch_m } => {
+                let carry = |x: f64, at: f64| if x >= at { 1.0 } else { 0.0 };
+                let sum = |x: f64| carry(x, *at_m) + 0.5 * (carry(x, at_m - pitch_m) + carry(x, at_m + pitch_m));
+                x + size * (sum(x) - sum(0.0))
+            }
+            Measure::Hollow { share, width_m } => x + share * width_m * (x / width_m).tanh(),
             Measure::LinearDrift { m_per_s } => x + m_per_s * t_s,
             Measure::ThermalDrift { m: size, tau_s } => x - size * (-t_s / tau_s).exp_m1(),
             Measure::RootDrift { m_per_root_s } => x + m_per_root_s * t_s.sqrt(),
             Measure::SwingDrift { m: size, period_s } => x + size * ((TAU * t_s / period_s + m[0]).sin() - m[0].sin()),
             Measure::Slip { m: size, tau_s, .. } => x - size * (-(t_s - m[0]).max(0.0) / tau_s).exp_m1(),
+            Measure::LogDrift { m_per_decade, from_s } => {
+                x + m_per_decade * (t_s / from_s).ln_1p() / std::f64::consts::LN_10
+            }
+            Measure::LateDrift { m: size, tau_s } => x + size * (1.0 - (1.0 + t_s / tau_s) * (-t_s / tau_s).exp()),
+            Measure::DriftFrom { m_per_s, .. } => x + m_per_s * (t_s - m[0]).max(0.0),
+            Measure::Jerks { m: size, mean_s } => {
+                if row.t_s > 0.0 && rng.random::<f64>() < row.period_s / mean_s {
+                    m[0] += size * (0.5 + rng.random::<f64>());
+                }
+                x + m[0]
+            }
+            Measure::Thermostat { m: size, period_s, on_share } => {
+                x + size * (heated(t_s / period_s + m[0], *on_share) - heated(m[0], *on_share))
+            }
             Measure::RandomWalk { m_per_root_s } => {
                 if row.t_s >= 0.0 {
                     m[0] += m_per_root_s * row.period_s.sqrt() * normal(rng);
@@ -288,6 +426,11 @@ impl Measure {
             Measure::LooseHum { m: size, hz, third, swing_rad, swing_s } => {
                 let angle = TAU * hz * row.t_s + swing_rad * (TAU * row.t_s / swing_s + m[1]).sin() + m[0];
                 x + size * (angle.sin() + third * (3.0 * angle + m[2]).sin())
+            }
+            Measure::SwellingHum { m: size, hz, third, depth, swell_hz } => {
+                let angle = TAU * hz * row.t_s + m[0];
+                let swell = 1.0 + depth * (TAU * swell_hz * row.t_s + m[1]).sin();
+                x + size * swell * (angle.sin() + third * (3.0 * angle + m[2]).sin())
             }
             Measure::CutHum { m: size, hz, decay } => {
                 let half_waves = 2.0 * hz * row.t_s + m[0];
@@ -305,6 +448,21 @@ impl Measure {
                 let mean = 0.5 * (m[15] + x);
                 m[15] = x;
                 x + chain.step(m, mean * mean.abs() / CREEP_STROKE_M, row.period_s)
+            }
+            Measure::SidedCreep { chain, negative } => {
+                let mean = 0.5 * (m[15] + x);
+                m[15] = x;
+                x + chain.step(m, if mean > 0.0 { mean } else { negative * mean }, row.period_s)
+            }
+            Measure::SlowReturn { share, tau_s, slower } => {
+                let mean = 0.5 * (m[15] + x);
+                m[15] = x;
+                for (at, scale) in m[0..2].iter_mut().zip([1.0, 8.0]) {
+                    // It comes while it grows, and goes back while it shrinks.
+                    let pace = if (mean - *at) * *at >= 0.0 { 1.0 } else { *slower };
+                    *at += (mean - *at) * -(-row.period_s / (scale * pace * tau_s)).exp_m1();
+                }
+                x + 0.5 * share * (m[0] + m[1])
             }
             Measure::Creep(chain) => {
                 // The mean of two rows is the input between them, to second order.
@@ -325,202 +483,18 @@ impl Measure {
     }
 }
 
-/// A part that acts on one row after the noise.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Digitise {
-    /// More white noise than the data sheet says, rms in metres.
-    White { m: f64 },
-    /// First-order low-pass noise of the given rms.
-    Coloured { m: f64, corner_hz: f64 },
-    /// PSD a + b/f: white plus a sum of low-pass noises spaced by a factor of four, rms in metres each way.
-    Flicker { white_m: f64, flicker_m: f64 },
-    /// Bursts: a share of the rows has noise of the given rms.
-    Bursts { m: f64, mean_s: f64 },
-    /// Noise about a frequency, as a pick-up or a sound has it: two poles, unit rms times `m`.
-    Band { m: f64, hz: f64, width_hz: f64 },
-    /// Differences of white noise: noise that a modulator has shaped away from low frequencies.
-    Shaped { m: f64 },
-    /// A share of the rows, each for itself, is hit by a pulse; rms over all rows is `m`.
-    Spikes { m: f64, share: f64 },
-    /// Jumps between +m and -m after random dwells: popcorn noise.
-    Popcorn { m: f64, mean_s: f64 },
-    /// Rounded to a lattice (anchors F19).
-    Lattice { m: f64 },
-    /// Cut downwards instead of rounded, with half a step added back on average.
-    Truncation { m: f64 },
-    /// Codes that are wide and narrow by turns: (1 + skew) and (1 - skew) steps, each shown by its middle.
-    UnevenCodes { m: f64, skew: f64 },
-    /// The code changes only where the reading is `hold` steps beyond its edge: a comparator's hysteresis.
-    HeldCodes { m: f64, hold: f64 },
-    /// A short floating-point number: the step halves with each octave below `full_m`, eight times.
-    Floating { m: f64, full_m: f64 },
-    /// A lost row shows the running mean of those that came, over `rows`.
-    Filled { probability: f64, rows: f64 },
-    /// A lost row shows the one `rows` earlier, that its buffer still held; at most 12.
-    Stale { probability: f64, rows: u32 },
-    /// After a lost row the stream is one row late until it is put in step again, `rows` later.
-    OutOfStep { probability: f64, rows: u32 },
-    /// A row repeats the one before with this probability (anchors F17).
-    Repeat { probability: f64 },
-    /// Runs of `length` rows repeat the one before them.
-    Burst { probability: f64, length: u32 },
+/// Temperature between 0 and 1 under a heater that is on for the first `on_share` of each turn.
+fn heated(turns: f64, on_share: f64) -> f64 {
+    const STEEP: f64 = 1.5;
+    let turn = turns.rem_euclid(1.0);
+    let risen = |share: f64| (-STEEP * share).exp_m1() / (-STEEP).exp_m1();
+    if turn < on_share { risen(turn / on_share) } else { 1.0 - risen((turn - on_share) / (1.0 - on_share)) }
 }
 
-impl Digitise {
-    /// Reading in metres, given the noisy one.
-    pub(crate) fn read(&self, m: &mut Memory, x: f64, row: &Row, rng: &mut Pcg64) -> f64 {
-        match self {
-            Digitise::White { m: rms } => x + rms * normal(rng),
-            Digitise::Coloured { m: rms, corner_hz } => x + rms * low_pass(&mut m[0], *corner_hz, row, rng),
-            Digitise::Flicker { white_m, flicker_m } => {
-                // Eight octave pairs from 0.5 Hz up; equal power each gives 1/f.
-                let mut sum = 0.0;
-                let mut corner_hz = 0.5;
-                for state in &mut m[0..7] {
-                    sum += low_pass(state, corner_hz, row, rng);
-                    corner_hz *= 4.0;
-                }
-                x + white_m * normal(rng) + flicker_m * sum / 7.0_f64.sqrt()
-            }
-            Digitise::Bursts { m: rms, mean_s } => {
-                if rng.random::<f64>() < row.period_s / mean_s {
-                    m[0] = 1.0 - m[0];
-                }
-                x + rms * m[0] * normal(rng)
-            }
-            Digitise::Band { m: rms, hz, width_hz } => {
-                let radius = (-0.5 * TAU * width_hz * row.period_s).exp();
-                let (a, b) = (2.0 * radius * (TAU * hz * row.period_s).cos(), radius * radius);
-                // Variance of the recursion under unit white noise.
-                let variance = (1.0 + b) / ((1.0 - b) * ((1.0 + b) * (1.0 + b) - a * a));
-                let next = a * m[0] - b * m[1] + normal(rng) / variance.sqrt();
-                (m[0], m[1]) = (next, m[0]);
-                x + rms * next
-            }
-            Digitise::Shaped { m: rms } => {
-                let before = m[0];
-                m[0] = normal(rng);
-                x + rms * (m[0] - before) / std::f64::consts::SQRT_2
-            }
-            Digitise::Spikes { m: rms, share } => {
-                let size = rms / share.sqrt() * normal(rng);
-                if rng.random::<f64>() < *share { x + size } else { x }
-            }
-            Digitise::Popcorn { m: size, mean_s } => {
-                if m[0] == 0.0 {
-                    m[0] = if rng.random::<bool>() { 1.0 } else { -1.0 };
-                }
-                if rng.random::<f64>() < row.period_s / mean_s {
-                    m[0] = -m[0];
-                }
-                x + size * m[0]
-            }
-            Digitise::Lattice { m: step } => (x / step).round() * step,
-            Digitise::Truncation { m: step } => ((x / step).floor() + 0.5) * step,
-            Digitise::UnevenCodes { m: step, skew } => {
-                // Zero is the middle of a wide code.
-                let half = 0.5 * (1.0 + skew);
-                let at = x / step + half;
-                let pair = 2.0 * (0.5 * at).floor();
-                (if at - pair < 2.0 * half { pair } else { pair + 1.0 }) * step
-            }
-            Digitise::HeldCodes { m: step, hold } => {
-                if (x - m[0]).abs() > (0.5 + hold) * step {
-                    m[0] = (x / step).round() * step;
-                }
-                m[0]
-            }
-            Digitise::Floating { m: step, full_m } => {
-                let octave = (x.abs() / full_m).log2().ceil().clamp(-8.0, 1.0);
-                let step = step * octave.exp2();
-                (x / step).round() * step
-            }
-            Digitise::Filled { probability, rows } => {
-                if m[1] == 0.0 {
-                    (m[0], m[1]) = (x, 1.0);
-                }
-                if rng.random::<f64>() < *probability {
-                    return m[0];
-                }
-                m[0] += (x - m[0]) / rows;
-                x
-            }
-            Digitise::Stale { probability, rows } => {
-                let (came, ring) = (m[31] as usize, *rows as usize + 1);
-                m[came % ring] = x;
-                m[31] += 1.0;
-                let lost = rng.random::<f64>() < *probability;
-                if lost && came + 1 >= ring { m[(came + 1) % ring] } else { x }
-            }
-            Digitise::OutOfStep { probability, rows } => {
-                let before = m[0];
-                m[0] = x;
-                if m[1] > 0.0 {
-                    m[1] -= 1.0;
-                    return before;
-                }
-                if m[2] == 1.0 && rng.random::<f64>() < *probability {
-                    m[1] = f64::from(*rows) - 1.0;
-                    return before;
-                }
-                m[2] = 1.0;
-                x
-            }
-            Digitise::Repeat { probability } => {
-                if m[1] == 0.0 || rng.random::<f64>() >= *probability {
-                    m[0] = x;
-                    m[1] = 1.0;
-                }
-                m[0]
-            }
-            Digitise::Burst { probability, length } => {
-                if m[2] > 0.0 {
-                    m[2] -= 1.0;
-                } else if m[1] == 1.0 && rng.random::<f64>() < *probability {
-                    m[2] = f64::from(*length) - 1.0;
-                } else {
-                    m[0] = x;
-                    m[1] = 1.0;
-                }
-                m[0]
-            }
-        }
-    }
-}
-
-/// Stroke at which `SquareCreep` is as large as `Creep`.
+/// Stroke at which `SquareCreep` is as large as `Creep`, and that `ControlledGain` is relative to.
 const CREEP_STROKE_M: f64 = 100e-6;
-
-/// Unit-variance first-order noise, exact for any period.
-fn low_pass(state: &mut f64, corner_hz: f64, row: &Row, rng: &mut Pcg64) -> f64 {
-    let decay = (-TAU * corner_hz * row.period_s).exp();
-    *state = decay * *state + (1.0 - decay * decay).sqrt() * normal(rng);
-    *state
-}
 
 /// A standard normal draw.
 pub(crate) fn normal(rng: &mut Pcg64) -> f64 {
     rng.sample(StandardNormal)
-}
-
-/// Noise that every sensor has: white, or with a first-order part.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Noise {
-    /// Total rms in metres.
-    pub rms_m: f64,
-    /// Share of the power that is low-pass noise; 0 is white.
-    pub coloured_share: f64,
-    /// Corner of that part.
-    pub corner_hz: f64,
-}
-
-impl Noise {
-    /// One draw; `state` belongs to the low-pass part.
-    pub(crate) fn draw(&self, state: &mut f64, row: &Row, rng: &mut Pcg64) -> f64 {
-        let white = (1.0 - self.coloured_share).sqrt() * normal(rng);
-        if self.coloured_share == 0.0 {
-            return self.rms_m * white;
-        }
-        self.rms_m * (white + self.coloured_share.sqrt() * low_pass(state, self.corner_hz, row, rng))
-    }
 }

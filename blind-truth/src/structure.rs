@@ -22,6 +22,14 @@ pub(crate) enum Force {
     Quartic { n_per_m4: f64 },
     /// F = -k (s (exp(q/s) - 1) - q): an enclosed cushion, stiffer towards the sign of s.
     Exponential { n_per_m: f64, over_m: f64 },
+    /// F = -k q sqrt(|q|/q0): balls on either side, pressed by the stroke (Hertz, odd).
+    Hertz { n_per_m: f64, at_m: f64 },
+    /// F = -k (p/2 pi) sin(2 pi q/p): the detent of a magnet's poles.
+    Detent { n_per_m: f64, period_m: f64 },
+    /// F = +k g/2 ((1 - q/g)^-2 - 1 - 2 q/g): a magnet at the distance g, without its linear part.
+    Magnet { n_per_m: f64, away_m: f64 },
+    /// F = -k (2 d/3) ((1 + q/d)^1.5 - 1 - 1.5 q/d): a rubber cone pressed in by d, without its linear part.
+    Cone { n_per_m: f64, pressed_m: f64 },
     /// F = -k2 q^2 (asymmetric). N/m^2.
     Quadratic { n_per_m2: f64 },
     /// F = -dk q for q > 0 only: bilinear spring.
@@ -40,6 +48,16 @@ pub(crate) enum Force {
     StickyStop { n_per_m: f64, gap_m: f64, neck_m: f64 },
     /// A pad that creeps (standard linear solid): F = -k max(0, d - s z), tau z' = max(d, s z) - z, d = q - gap.
     PadStop { n_per_m: f64, gap_m: f64, share: f64, tau_s: f64 },
+    /// F = -kc s ln(1 + exp((q - gap)/s)), on either side: rough faces whose peaks meet one after the other.
+    RoughStop { side: f64, n_per_m: f64, gap_m: f64, over_m: f64 },
+    /// F = -kc d (1 + mu tanh(w/w0)): a stop whose face rubs along while pressed.
+    RubbingStop { n_per_m: f64, gap_m: f64, friction: f64 },
+    /// F = -(F0 (1 - exp(-d/s)) + kc d): a pin held against its seat by a preloaded spring.
+    PreloadedStop { n: f64, n_per_m: f64, gap_m: f64, over_m: f64 },
+    /// F = -kc max(0, d - z), z grows so that F never exceeds the yield force: a stop that dents.
+    DentingStop { n_per_m: f64, gap_m: f64, yield_n: f64 },
+    /// A stop with a mass, on a spring that gives under it and lets it swing on.
+    LeafStop { n_per_m: f64, gap_m: f64, kg: f64, hz: f64, damping_ratio: f64 },
     /// F = -Fc sgn(w) with true stick at w = 0 (Coulomb).
     Coulomb { n: f64 },
     /// The same with another Fc on the way back: a guide that leans.
@@ -53,6 +71,13 @@ pub(crate) enum Force {
     MaxwellSlip { n: f64, slip_m: f64 },
     /// Dahl's bristle, pressed on by the stroke: F = -Fc (1 + c |q|) z, z' = (w - |w| z)/slip.
     Wedge { n: f64, slip_m: f64, per_m: f64 },
+    /// Dahl's bristle on a part of the stroke only: F = -Fc z / (1 + ((q - at)/width)^4), z' = (w - |w| z)/slip.
+    RubbedSpot { n: f64, slip_m: f64, at_m: f64, width_m: f64 },
+    /// One slider on a spring (Jenkins): sticks as a spring, then slips at Fc.
+    Jenkins { n: f64, slip_m: f64 },
+    /// Rate and state (Dieterich): F = -Fc z (1 + c ln(1 + T/t0)), T' = 1 - |w| T/slip, z as in Dahl's: contacts that
+    /// grow stronger at rest.
+    Ageing { n: f64, slip_m: f64, per_e: f64, from_s: f64 },
     /// F = -c |w|^m sgn w (anchors F5, as a force).
     PowerDamping { n: f64, exponent: f64, w_m_per_s: f64 },
     /// F = a sin(2 pi f t + phase), with a second harmonic and a beat (anchors F26).
@@ -61,6 +86,10 @@ pub(crate) enum Force {
     Square { n: f64, hz: f64, sharpness: f64 },
     /// One push per turn, half a sine of the given share of it; no mean.
     Knock { n: f64, hz: f64, duty: f64 },
+    /// A saw tooth without mean: a slow stroke and a quick one back.
+    Saw { n: f64, hz: f64, quick: f64 },
+    /// F = a (sin(2 pi f t + phase) + r sin(pi f t + phase 2)): a loose belt or bearing, with half the order beside it.
+    HalfOrder { n: f64, hz: f64, half: f64 },
     /// F = a sin(2 pi f t + b sin(2 pi t/P + phase 2) + phase): a motor whose speed is not held.
     Wandering { n: f64, hz: f64, swing_rad: f64, swing_s: f64 },
     /// A mass m2 on a spring and damper: the mode that reacts on the structure.
@@ -83,6 +112,8 @@ impl Force {
             | Force::Pumped { .. }
             | Force::Square { .. }
             | Force::Knock { .. }
+            | Force::Saw { .. }
+            | Force::HalfOrder { .. }
             | Force::Wandering { .. } => memory[0] = phase_rad,
             Force::Engaging { at_m, over_m, .. } => memory[0] = softplus(-at_m, *over_m),
             _ => {}
@@ -94,7 +125,11 @@ impl Force {
     pub(crate) fn feels_velocity(&self) -> bool {
         matches!(
             self,
-            Force::HuntCrossley { .. } | Force::TwoStops { .. } | Force::PowerDamping { .. } | Force::Absorber { .. }
+            Force::HuntCrossley { .. }
+                | Force::TwoStops { .. }
+                | Force::RubbingStop { .. }
+                | Force::PowerDamping { .. }
+                | Force::Absorber { .. }
         )
     }
 
@@ -114,6 +149,17 @@ impl Force {
             Force::Sinh { n_per_m, over_m } => -n_per_m * (over_m * (q / over_m).sinh() - q),
             Force::Quartic { n_per_m4 } => -n_per_m4 * q * q * q * q,
             Force::Exponential { n_per_m, over_m } => -n_per_m * (over_m * (q / over_m).exp_m1() - q),
+            Force::Hertz { n_per_m, at_m } => -n_per_m * q * (q.abs() / at_m).sqrt(),
+            Force::Detent { n_per_m, period_m } => -n_per_m * period_m / TAU * (TAU * q / period_m).sin(),
+            Force::Magnet { n_per_m, away_m } => {
+                // Nearer than a tenth of its distance no form comes.
+                let near = (q / away_m).min(0.9);
+                n_per_m * 0.5 * away_m * ((1.0 - near).powi(-2) - 1.0 - 2.0 * near)
+            }
+            Force::Cone { n_per_m, pressed_m } => {
+                let share = q / pressed_m;
+                -n_per_m * pressed_m / 1.5 * ((1.0 + share).max(0.0).powf(1.5) - 1.0 - 1.5 * share)
+            }
             Force::Quadratic { n_per_m2 } => -n_per_m2 * q * q,
             Force::Bilinear { n_per_m } => -n_per_m * q.max(0.0),
             Force::Engaging { n_per_m, at_m, over_m } => -n_per_m * (softplus(q - at_m, *over_m) - m[0]),
@@ -143,12 +189,28 @@ impl Force {
                 }
             }
             Force::PadStop { n_per_m, gap_m, share, .. } => -n_per_m * (q - gap_m - share * m[0]).max(0.0),
+            Force::RoughStop { side, n_per_m, gap_m, over_m } => -side * n_per_m * softplus(side * q - gap_m, *over_m),
+            Force::RubbingStop { n_per_m, gap_m, friction } => {
+                -n_per_m * (q - gap_m).max(0.0) * (1.0 + friction * (w / RUBBING_M_PER_S).tanh())
+            }
+            Force::PreloadedStop { n, n_per_m, gap_m, over_m } => {
+                let depth = (q - gap_m).max(0.0);
+                n * (-depth / over_m).exp_m1() - n_per_m * depth
+            }
+            Force::DentingStop { n_per_m, gap_m, yield_n } => -(n_per_m * (q - gap_m - m[0]).max(0.0)).min(*yield_n),
+            Force::LeafStop { n_per_m, gap_m, .. } => -n_per_m * (q - gap_m - m[0]).max(0.0),
             Force::Bristle { n_per_m, .. } => -n_per_m * m[0],
             Force::MaxwellSlip { n, slip_m } => {
                 let share = |(i, at): (usize, &f64)| at / (slip_m * SLIPS[i]);
                 -n * m[0..SLIPS.len()].iter().enumerate().map(share).sum::<f64>() / SLIPS.len() as f64
             }
             Force::Wedge { n, per_m, .. } => -n * (1.0 + per_m * q.abs()) * m[0],
+            Force::RubbedSpot { n, at_m, width_m, .. } => {
+                let away = (q - at_m) / width_m;
+                -n * m[0] / (1.0 + away.powi(4))
+            }
+            Force::Jenkins { n, slip_m } => -n * m[0] / slip_m,
+            Force::Ageing { n, per_e, from_s, .. } => -n * m[0] * (1.0 + per_e * (m[1] / from_s).ln_1p()),
             Force::PowerDamping { n, exponent, w_m_per_s } => -n * w.signum() * (w.abs() / w_m_per_s).powf(*exponent),
             Force::Periodic { n, hz, second, beat_hz, .. } => {
                 let angle = TAU * hz * t_s + m[0];
@@ -162,6 +224,15 @@ impl Force {
                 let turn = (hz * t_s + m[0] / TAU).rem_euclid(1.0);
                 let push = if turn < *duty { (0.5 * TAU * turn / duty).sin() } else { 0.0 };
                 n * (push - 4.0 * duty / TAU)
+            }
+            Force::Saw { n, hz, quick } => {
+                let turn = (hz * t_s + m[0] / TAU).rem_euclid(1.0);
+                let slow = 1.0 - quick;
+                n * if turn < slow { 2.0 * turn / slow - 1.0 } else { 1.0 - 2.0 * (turn - slow) / quick }
+            }
+            Force::HalfOrder { n, hz, half } => {
+                let angle = TAU * hz * t_s + m[0];
+                n * (angle.sin() + half * (0.5 * angle + 2.0 * m[0]).sin())
             }
             Force::Wandering { n, hz, swing_rad, swing_s } => {
                 let swing = swing_rad * (TAU * t_s / swing_s + 3.0 * m[0]).sin();
@@ -214,6 +285,27 @@ impl Force {
                 let goal = w.signum();
                 m[0] = goal + (m[0] - goal) * (-w.abs() * h_s / slip_m).exp();
             }
+            Force::DentingStop { n_per_m, gap_m, yield_n } => m[0] = m[0].max(q - gap_m - yield_n / n_per_m),
+            Force::LeafStop { n_per_m, gap_m, kg, hz, damping_ratio } => {
+                // Leapfrog as the mass itself: both were kicked where they were at the start of the step.
+                let w2 = TAU * hz;
+                let push = n_per_m * (q - w * h_s - gap_m - m[0]).max(0.0) / kg - w2 * w2 * m[0];
+                let drag = damping_ratio * w2 * h_s;
+                m[1] = ((1.0 - drag) * m[1] + h_s * push) / (1.0 + drag);
+                m[0] += h_s * m[1];
+            }
+            Force::RubbedSpot { slip_m, .. } => {
+                let goal = w.signum();
+                m[0] = goal + (m[0] - goal) * (-w.abs() * h_s / slip_m).exp();
+            }
+            Force::Jenkins { slip_m, .. } => m[0] = (m[0] + w * h_s).clamp(-slip_m, *slip_m),
+            Force::Ageing { slip_m, .. } => {
+                let goal = w.signum();
+                let share = w.abs() * h_s / slip_m;
+                m[0] = goal + (m[0] - goal) * (-share).exp();
+                // T' = 1 - |w| T/slip, with T halfway through the step.
+                m[1] = (m[1] * (1.0 - 0.5 * share) + h_s) / (1.0 + 0.5 * share);
+            }
             Force::Absorber { hz, damping_ratio, .. } => {
                 let w2 = TAU * hz;
                 // Implicit midpoint; the base moves by w h within the step.
@@ -248,6 +340,17 @@ impl Force {
                 let each = |(at, reach): (&f64, f64)| at * at / (slip_m * reach);
                 0.5 * n * m.iter().zip(SLIPS).map(each).sum::<f64>() / SLIPS.len() as f64
             }
+            Force::PreloadedStop { n, n_per_m, gap_m, over_m } => {
+                let depth = (q - gap_m).max(0.0);
+                n * (depth + over_m * (-depth / over_m).exp_m1()) + 0.5 * n_per_m * depth * depth
+            }
+            Force::RubbingStop { n_per_m, gap_m, .. } => 0.5 * n_per_m * (q - gap_m).max(0.0).powi(2),
+            Force::DentingStop { n_per_m, gap_m, .. } => 0.5 * n_per_m * (q - gap_m - m[0]).max(0.0).powi(2),
+            Force::LeafStop { n_per_m, gap_m, kg, hz, .. } => {
+                let pressed = (q - gap_m - m[0]).max(0.0);
+                0.5 * (n_per_m * pressed * pressed + kg * (m[1] * m[1] + (TAU * hz * m[0]).powi(2)))
+            }
+            Force::Jenkins { n, slip_m } => 0.5 * n * m[0] * m[0] / slip_m,
             Force::Absorber { kg, hz, .. } => {
                 let stretch = TAU * hz * (m[0] - q);
                 0.5 * kg * (m[1] * m[1] + stretch * stretch)
@@ -292,6 +395,9 @@ impl Force {
         }
     }
 }
+
+/// Speed beyond which `RubbingStop` rubs in full.
+const RUBBING_M_PER_S: f64 = 1e-2;
 
 /// Break-away distances of the Maxwell slip elements, relative to the middle one.
 const SLIPS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];

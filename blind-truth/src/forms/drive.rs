@@ -12,6 +12,16 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: AmplifierGain, name: "shelf: part of the error is lost above a corner", splits: R, draw: shelf },
     Form { effect: AmplifierGain, name: "another one for each polarity", splits: C, draw: gain_by_sign },
     Form { effect: AmplifierGain, name: "growing with the voltage", splits: C, draw: gain_voltage_coefficient },
+    Form {
+        effect: AmplifierGain,
+        name: "larger error about zero, where both halves conduct",
+        splits: C,
+        draw: gain_overlap,
+    },
+    Form { effect: AmplifierGain, name: "other error on the upper rails", splits: C, draw: gain_upper_rails },
+    Form { effect: AmplifierGain, name: "rippled by its supply", splits: C, draw: gain_rippled },
+    Form { effect: AmplifierGain, name: "most of the error there at once", splits: C, draw: gain_settling },
+    Form { effect: AmplifierGain, name: "flickering between two values", splits: C, draw: gain_flickering },
     Form { effect: AmplifierBandwidth, name: "first-order lag", splits: DC, draw: lag },
     Form { effect: AmplifierBandwidth, name: "second-order lag", splits: C, draw: second_order },
     Form { effect: AmplifierBandwidth, name: "current-limited lag", splits: R, draw: limited_lag },
@@ -19,11 +29,15 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: AmplifierBandwidth, name: "lag that grows with the voltage", splits: C, draw: growing_lag },
     Form { effect: AmplifierBandwidth, name: "lag that part of the command runs past", splits: C, draw: lead_lag },
     Form { effect: AmplifierBandwidth, name: "lag, slower one way", splits: C, draw: lag_by_direction },
+    Form { effect: AmplifierBandwidth, name: "lag, quicker for a large error", splits: C, draw: hurried_lag },
+    Form { effect: AmplifierBandwidth, name: "lag, slower about zero", splits: C, draw: crossover_lag },
     Form { effect: AmplifierSlew, name: "hard limit", splits: DC, draw: slew },
     Form { effect: AmplifierSlew, name: "hard limit, faster down than up", splits: C, draw: slew_uneven },
     Form { effect: AmplifierSlew, name: "soft limit (tanh)", splits: R, draw: slew_soft },
     Form { effect: AmplifierSlew, name: "tighter towards the rails", splits: C, draw: slew_by_level },
     Form { effect: AmplifierSlew, name: "looser until a reserve is used up", splits: C, draw: slew_reserve },
+    Form { effect: AmplifierSlew, name: "slower charging than discharging", splits: C, draw: slew_by_charge },
+    Form { effect: AmplifierSlew, name: "gives way to a large error", splits: C, draw: slew_by_error },
     Form { effect: AmplifierSaturation, name: "hard, two-sided", splits: DC, draw: clip },
     Form { effect: AmplifierSaturation, name: "hard, one-sided", splits: D, draw: clip_one_sided },
     Form { effect: AmplifierSaturation, name: "knee with exponential approach", splits: C, draw: clip_knee },
@@ -33,6 +47,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: AmplifierSaturation, name: "gives way beyond a knee", splits: C, draw: clip_knee_slope },
     Form { effect: AmplifierSaturation, name: "one-sided, rounded", splits: C, draw: clip_round_one_sided },
     Form { effect: AmplifierSaturation, name: "rails that sag under load", splits: C, draw: clip_sagging },
+    Form { effect: AmplifierSaturation, name: "rails with a ripple", splits: C, draw: clip_rippled },
+    Form { effect: AmplifierSaturation, name: "recovers late", splits: C, draw: clip_late },
 ];
 
 fn gain(rng: &mut Pcg64) -> Planted {
@@ -242,5 +258,112 @@ fn clip_sagging(rng: &mut Pcg64) -> Planted {
         bench.drives.push(Drive::SaggingClip { level_v: LARGEST_V * (1.05 - a), share, tau_s });
     })
     .with("sag", share)
+    .with("tau_s", tau_s)
+}
+
+/// As `gain`: 0.1 to 15 %.
+const GAIN: (f64, f64) = (0.001, 0.15);
+
+fn gain_overlap(rng: &mut Pcg64) -> Planted {
+    let (sign, ratio, over_v) = (sign(rng), rng.random_range(0.5..1.5), log_uniform(rng, 5.0, 20.0));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.drives.push(Drive::Overlap { error: sign * a, ratio, over_v });
+    })
+    .with("sign", sign)
+    .with("more_about_zero", ratio)
+    .with("over_V", over_v)
+}
+
+fn gain_upper_rails(rng: &mut Pcg64) -> Planted {
+    let (sign, from_v) = (sign(rng), rng.random_range(20.0..40.0));
+    let ratio = super::sign(rng) * rng.random_range(0.3..0.8);
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.drives.push(Drive::UpperRails { error: sign * a, ratio, from_v });
+    })
+    .with("sign", sign)
+    .with("more_on_upper_rails", ratio)
+    .with("from_V", from_v)
+}
+
+fn gain_rippled(rng: &mut Pcg64) -> Planted {
+    let (sign, share) = (sign(rng), rng.random_range(0.03..0.15));
+    let hz = if rng.random::<bool>() { 100.0 } else { 120.0 };
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.drives.push(Drive::RippledGain { error: sign * a, share, hz });
+    })
+    .with("sign", sign)
+    .with("rippled_share", share)
+    .with("hz", hz)
+}
+
+fn gain_settling(rng: &mut Pcg64) -> Planted {
+    let (sign, share, tau_s) = (sign(rng), rng.random_range(0.1..0.3), log_uniform(rng, 0.1, 1.0));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.drives.push(Drive::SettlingGain { error: sign * a, share, tau_s });
+    })
+    .with("sign", sign)
+    .with("settling_share", share)
+    .with("tau_s", tau_s)
+}
+
+fn gain_flickering(rng: &mut Pcg64) -> Planted {
+    let (sign, share, mean_s) = (sign(rng), rng.random_range(0.08..0.3), log_uniform(rng, 0.05, 0.3));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.drives.push(Drive::FlickeringGain { error: sign * a, share, mean_s });
+    })
+    .with("sign", sign)
+    .with("flickering_share", share)
+    .with("mean_dwell_s", mean_s)
+}
+
+fn hurried_lag(rng: &mut Pcg64) -> Planted {
+    let swing_v = rng.random_range(10.0..40.0);
+    Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| bench.drives.push(Drive::HurriedLag { tau_s: a, swing_v }))
+        .with("twice_as_quick_at_V", swing_v)
+}
+
+fn crossover_lag(rng: &mut Pcg64) -> Planted {
+    let (more, over_v) = (rng.random_range(0.6..2.5), log_uniform(rng, 5.0, 20.0));
+    Planted::new("tau_s", (2e-6, 1.5e-3), move |a, bench| {
+        bench.drives.push(Drive::CrossoverLag { tau_s: a, more, over_v });
+    })
+    .with("more_at_zero", more)
+    .with("over_V", over_v)
+}
+
+fn slew_by_charge(rng: &mut Pcg64) -> Planted {
+    let ratio = rng.random_range(1.5..4.0);
+    Planted::new("slowness_s_per_V", SLEW_S_PER_V, move |a, bench| {
+        bench.drives.push(Drive::SlewByCharge { charge_v_per_s: 1.0 / a, discharge_v_per_s: ratio / a });
+    })
+    .with("discharge_over_charge", ratio)
+}
+
+fn slew_by_error(rng: &mut Pcg64) -> Planted {
+    let swing_v = rng.random_range(20.0..60.0);
+    Planted::new("slowness_s_per_V", SLEW_S_PER_V, move |a, bench| {
+        bench.drives.push(Drive::SlewByError { limit_v_per_s: 1.0 / a, swing_v });
+    })
+    .with("twice_as_fast_at_V", swing_v)
+}
+
+fn clip_rippled(rng: &mut Pcg64) -> Planted {
+    let share = rng.random_range(0.02..0.08);
+    let hz = if rng.random::<bool>() { 100.0 } else { 120.0 };
+    Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
+        // The trough of the ripple bites first.
+        bench.drives.push(Drive::RippledClip { level_v: LARGEST_V * (1.0 - a) / (1.0 - share), share, hz });
+    })
+    .with("ripple", share)
+    .with("hz", hz)
+}
+
+fn clip_late(rng: &mut Pcg64) -> Planted {
+    let tau_s = log_uniform(rng, 1e-4, 2e-3);
+    Planted::new("share_cut", (0.002, 0.5), move |a, bench| {
+        // Rounding bites before the level does.
+        let over_v = 1.5;
+        bench.drives.push(Drive::LateClip { level_v: LARGEST_V * (1.0 - a) + 2.5 * over_v, over_v, tau_s });
+    })
     .with("tau_s", tau_s)
 }

@@ -4,8 +4,11 @@
 //! the amplitude that gives the wanted gap.
 
 mod actuator;
+mod contact;
 mod drive;
 mod foreign;
+mod hysteresis;
+mod noise;
 mod sensor;
 mod structure;
 mod timing;
@@ -92,7 +95,17 @@ impl Planted {
 
 /// Every form of every effect with the splits that show it.
 pub fn all() -> impl Iterator<Item = &'static Form> {
-    [drive::FORMS, actuator::FORMS, structure::FORMS, sensor::FORMS, timing::FORMS].into_iter().flatten()
+    let tables = [
+        drive::FORMS,
+        actuator::FORMS,
+        hysteresis::FORMS,
+        structure::FORMS,
+        contact::FORMS,
+        sensor::FORMS,
+        noise::FORMS,
+        timing::FORMS,
+    ];
+    tables.into_iter().flatten()
 }
 
 /// Draws one of the forms that a split shows.

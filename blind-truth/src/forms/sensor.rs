@@ -1,10 +1,10 @@
 //! Forms of the sensor's effects and of what couples into it.
 
-use super::{C, CR, D, DC, DCR, DR, Form, Planted, R, STROKE_M, log_uniform, sign};
+use super::{C, CR, D, DC, DCR, Form, Planted, R, STROKE_M, log_uniform, sign};
+use crate::bench::Bench;
+use crate::digitise::Digitise;
 use crate::effects::EffectId::*;
-use crate::nominal::static_gain_m_per_v;
-use crate::sensor::{Digitise, Follow, Measure};
-use crate::structure::Force;
+use crate::sensor::{Follow, Measure};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -16,16 +16,43 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: SensorBandwidth, name: "lag that part of the signal runs past", splits: C, draw: lead_lag },
     Form { effect: SensorBandwidth, name: "small share in a slow tail", splits: C, draw: slow_tail },
     Form { effect: SensorBandwidth, name: "mixed with the mean of the last rows", splits: C, draw: smoothing },
+    Form { effect: SensorBandwidth, name: "peak detector, slower back", splits: C, draw: peak_detector },
+    Form { effect: SensorBandwidth, name: "lag that grows along the stroke", splits: C, draw: lag_by_stroke },
     Form { effect: SensorOffset, name: "constant", splits: D, draw: offset },
     Form { effect: SensorOffset, name: "constant, beyond zeroing", splits: C, draw: offset_large },
     Form { effect: SensorOffset, name: "another one in each log", splits: R, draw: offset_per_log },
     Form { effect: SensorOffset, name: "constant, settling by a little", splits: C, draw: offset_settling },
     Form { effect: SensorOffset, name: "constant, with a small slip in each log", splits: C, draw: offset_slipping },
     Form { effect: SensorOffset, name: "stand-off, with its change of gain", splits: C, draw: offset_stand_off },
+    Form { effect: SensorOffset, name: "constant, breathing by a little", splits: C, draw: offset_breathing },
+    Form { effect: SensorOffset, name: "constant, with a contact that chatters", splits: C, draw: offset_chattering },
+    Form {
+        effect: SensorOffset,
+        name: "constant, of a tilted head with its curvature",
+        splits: C,
+        draw: offset_tilted,
+    },
+    Form {
+        effect: SensorOffset,
+        name: "constant, from a reference with slow noise",
+        splits: C,
+        draw: offset_slow_noise,
+    },
+    Form {
+        effect: SensorOffset,
+        name: "constant, of a ground loop with its faint hum",
+        splits: C,
+        draw: offset_ground_loop,
+    },
     Form { effect: SensorGain, name: "constant", splits: DCR, draw: gain },
     Form { effect: SensorGain, name: "another one in each log", splits: R, draw: gain_per_log },
     Form { effect: SensorGain, name: "settling after switching on", splits: C, draw: gain_settling },
     Form { effect: SensorGain, name: "misaligned, with a little curvature", splits: C, draw: gain_misaligned },
+    Form { effect: SensorGain, name: "about a point off zero", splits: C, draw: gain_off_zero },
+    Form { effect: SensorGain, name: "larger error of one half bridge", splits: C, draw: gain_by_sign },
+    Form { effect: SensorGain, name: "breathing with its reference", splits: C, draw: gain_breathing },
+    Form { effect: SensorGain, name: "another one from a moment on", splits: C, draw: gain_stepping },
+    Form { effect: SensorGain, name: "gives in while deflected", splits: C, draw: gain_controlled },
     Form { effect: SensorDrift, name: "linear", splits: D, draw: drift_linear },
     Form { effect: SensorDrift, name: "thermal, first order", splits: DC, draw: drift_thermal },
     Form { effect: SensorDrift, name: "random walk", splits: R, draw: drift_walk },
@@ -34,6 +61,11 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: SensorDrift, name: "slow sine", splits: C, draw: drift_swing },
     Form { effect: SensorDrift, name: "a slip that settles", splits: C, draw: drift_slip },
     Form { effect: SensorDrift, name: "two bodies against each other", splits: C, draw: drift_two_bodies },
+    Form { effect: SensorDrift, name: "logarithm of time", splits: C, draw: drift_log },
+    Form { effect: SensorDrift, name: "heat through another body", splits: C, draw: drift_late },
+    Form { effect: SensorDrift, name: "linear from a moment on", splits: C, draw: drift_from },
+    Form { effect: SensorDrift, name: "in jerks", splits: C, draw: drift_jerks },
+    Form { effect: SensorDrift, name: "heater on and off", splits: C, draw: drift_thermostat },
     Form { effect: SensorNonlinearity, name: "polynomial of third degree", splits: DC, draw: polynomial },
     Form { effect: SensorNonlinearity, name: "compression towards the ends", splits: C, draw: compression },
     Form { effect: SensorNonlinearity, name: "periodic error of an encoder", splits: R, draw: ripple },
@@ -42,28 +74,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: SensorNonlinearity, name: "calibration table, straight between nodes", splits: C, draw: table },
     Form { effect: SensorNonlinearity, name: "kink at zero", splits: C, draw: kink },
     Form { effect: SensorNonlinearity, name: "local flaw of the target", splits: C, draw: flaw },
-    Form { effect: NoiseExcess, name: "white", splits: DC, draw: white },
-    Form { effect: NoiseExcess, name: "low-pass", splits: C, draw: coloured },
-    Form { effect: NoiseExcess, name: "a + b/f", splits: R, draw: flicker },
-    Form { effect: NoiseExcess, name: "comes and goes", splits: R, draw: bursts },
-    Form { effect: NoiseExcess, name: "about a frequency", splits: C, draw: band_noise },
-    Form { effect: NoiseExcess, name: "shaped away from low frequencies", splits: C, draw: shaped },
-    Form { effect: NoiseExcess, name: "single rows hit", splits: C, draw: spikes },
-    Form { effect: NoiseExcess, name: "popcorn", splits: C, draw: popcorn },
-    Form { effect: MainsHum, name: "50 Hz with harmonics", splits: DC, draw: |rng| hum(rng, 50.0) },
-    Form { effect: MainsHum, name: "60 Hz with harmonics", splits: DR, draw: |rng| hum(rng, 60.0) },
-    Form { effect: MainsHum, name: "50 Hz behind a rectifier", splits: C, draw: hum_rectified },
-    Form { effect: MainsHum, name: "50 Hz, third harmonic strongest", splits: R, draw: hum_third },
-    Form { effect: MainsHum, name: "50 Hz of a loose grid", splits: C, draw: hum_loose },
-    Form { effect: MainsHum, name: "50 Hz, phase cut", splits: C, draw: hum_cut },
-    Form { effect: MainsHum, name: "100 Hz of a transformer, as a force", splits: C, draw: hum_force },
-    Form { effect: Quantisation, name: "sensor's converter", splits: DCR, draw: lattice },
-    Form { effect: Quantisation, name: "command's converter", splits: CR, draw: dac },
-    Form { effect: Quantisation, name: "sensor's converter, truncating", splits: R, draw: truncation },
-    Form { effect: Quantisation, name: "sensor's converter, codes of unequal width", splits: C, draw: uneven_codes },
-    Form { effect: Quantisation, name: "sensor's converter, codes that hold on", splits: C, draw: held_codes },
-    Form { effect: Quantisation, name: "short floating-point number", splits: C, draw: floating },
-    Form { effect: Quantisation, name: "both converters", splits: C, draw: both_converters },
+    Form { effect: SensorNonlinearity, name: "steps where the converter carries", splits: C, draw: carries },
+    Form { effect: SensorNonlinearity, name: "other slope about zero", splits: C, draw: hollow },
 ];
 
 /// Corner from 320 Hz to 160 kHz.
@@ -353,171 +365,191 @@ fn flaw(rng: &mut Pcg64) -> Planted {
     .with("width_um", width_m * 1e6)
 }
 
-/// Excess over the data sheet's rms: less cannot be told from its 10 % sigma, more is no noise any more.
-const EXCESS: (f64, f64) = (1.5, 5.0);
-
-/// 5 nm to 300 nm; the band decides.
-const EXCESS_M: (f64, f64) = (5e-9, 3e-7);
-
-fn white(_: &mut Pcg64) -> Planted {
-    Planted::new("rms_m", EXCESS_M, |a, bench| bench.digitises.push(Digitise::White { m: a })).band(EXCESS.0, EXCESS.1)
+fn peak_detector(rng: &mut Pcg64) -> Planted {
+    let slower = rng.random_range(1.4..3.0);
+    Planted::new("tau_s", LAG_S, move |a, bench| bench.follows.push(Follow::PeakDetector { tau_s: a, slower }))
+        .with("slower_back", slower)
 }
 
-fn coloured(rng: &mut Pcg64) -> Planted {
-    let corner_hz = log_uniform(rng, 20.0, 2000.0);
-    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Coloured { m: a, corner_hz }))
-        .with("corner_hz", corner_hz)
-        .band(EXCESS.0, EXCESS.1)
-}
-
-fn flicker(rng: &mut Pcg64) -> Planted {
-    let ratio = rng.random_range(0.3..1.0);
-    Planted::new("white_rms_m", EXCESS_M, move |a, bench| {
-        bench.digitises.push(Digitise::Flicker { white_m: a, flicker_m: ratio * a });
+fn lag_by_stroke(rng: &mut Pcg64) -> Planted {
+    let more = sign(rng) * rng.random_range(0.3..0.7);
+    Planted::new("tau_s", LAG_S, move |a, bench| {
+        bench.follows.push(Follow::LagByStroke { tau_s: a, per_m: more / STROKE_M });
     })
-    .with("flicker_over_white", ratio)
-    .band(EXCESS.0, EXCESS.1)
+    .with("more_at_stroke", more)
 }
 
-fn bursts(rng: &mut Pcg64) -> Planted {
-    let mean_s = log_uniform(rng, 0.005, 0.05);
-    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Bursts { m: a, mean_s }))
-        .with("mean_s", mean_s)
-        .band(EXCESS.0, EXCESS.1)
-}
-
-fn band_noise(rng: &mut Pcg64) -> Planted {
-    let (hz, quality) = (log_uniform(rng, 150.0, 3500.0), log_uniform(rng, 1.0, 10.0));
-    Planted::new("rms_m", EXCESS_M, move |a, bench| {
-        bench.digitises.push(Digitise::Band { m: a, hz, width_hz: hz / quality });
+/// A large offset, and beside it what is given by its sign and size.
+fn offset_and(rng: &mut Pcg64, beside: impl Fn(f64, &mut Bench) + Send + Sync + 'static) -> Planted {
+    let sign = sign(rng);
+    Planted::new("offset_m", LARGE_OFFSET_M, move |a, bench| {
+        bench.measures.push(Measure::Offset(sign * a));
+        beside(sign * a, bench);
     })
-    .with("hz", hz)
-    .with("quality", quality)
-    .band(EXCESS.0, EXCESS.1)
+    .with("sign", sign)
+    .any_gap()
 }
 
-fn shaped(_: &mut Pcg64) -> Planted {
-    Planted::new("rms_m", EXCESS_M, |a, bench| bench.digitises.push(Digitise::Shaped { m: a })).band(EXCESS.0, EXCESS.1)
+fn offset_breathing(rng: &mut Pcg64) -> Planted {
+    let (share, period_s) = (log_uniform(rng, 0.003, 0.015), log_uniform(rng, 1.0, 6.0));
+    offset_and(rng, move |offset_m, bench| {
+        bench.measures.push(Measure::SwingDrift { m: share * offset_m, period_s });
+    })
+    .with("breathing_share", share)
+    .with("period_s", period_s)
 }
 
-fn spikes(rng: &mut Pcg64) -> Planted {
-    let share = log_uniform(rng, 0.02, 0.2);
-    Planted::new("rms_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Spikes { m: a, share }))
-        .with("share_of_rows", share)
-        .band(EXCESS.0, EXCESS.1)
-}
-
-fn popcorn(rng: &mut Pcg64) -> Planted {
-    let mean_s = log_uniform(rng, 5e-4, 1e-2);
-    Planted::new("half_jump_m", EXCESS_M, move |a, bench| bench.digitises.push(Digitise::Popcorn { m: a, mean_s }))
+fn offset_chattering(rng: &mut Pcg64) -> Planted {
+    let (share, mean_s) = (log_uniform(rng, 0.005, 0.03), log_uniform(rng, 0.1, 0.5));
+    offset_and(rng, move |offset_m, bench| bench.measures.push(Measure::Chatter { m: share * offset_m, mean_s }))
+        .with("chattering_share", share)
         .with("mean_dwell_s", mean_s)
-        .band(EXCESS.0, EXCESS.1)
 }
 
-/// Anchors F25 has 1 to 50 nm; what 50 nm of noise hides in one log still shows over all of them.
-const HUM: (f64, f64) = (2.0, 20.0);
-
-fn hum_of(hz: f64, second: f64, third: f64, fifth: f64) -> Planted {
-    Planted::new("amplitude_m", (5e-9, 2e-6), move |a, bench| {
-        bench.measures.push(Measure::Hum { m: a, hz, second, third, fifth });
+fn offset_tilted(rng: &mut Pcg64) -> Planted {
+    // A few nanometres to a few tens of them at full stroke: the tilt that lifts the zero also bends the curve.
+    let curved = sign(rng) * log_uniform(rng, 0.001, 0.006);
+    offset_and(rng, move |offset_m, bench| {
+        let c2 = curved * offset_m.abs() / (STROKE_M * STROKE_M);
+        bench.measures.push(Measure::Polynomial { c2, c3: 0.0 });
     })
-    .with("hz", hz)
-    .with("second", second)
-    .with("third", third)
-    .with("fifth", fifth)
-    .band(HUM.0, HUM.1)
+    .with("curvature_at_stroke_over_offset", curved)
 }
 
-fn hum(rng: &mut Pcg64, hz: f64) -> Planted {
-    hum_of(hz, rng.random_range(0.0..0.3), rng.random_range(0.1..0.5), rng.random_range(0.0..0.2))
-}
-
-fn hum_rectified(rng: &mut Pcg64) -> Planted {
-    hum_of(50.0, rng.random_range(1.0..3.0), 0.0, 0.0)
-}
-
-fn hum_third(rng: &mut Pcg64) -> Planted {
-    hum_of(50.0, 0.1, rng.random_range(1.0..2.0), rng.random_range(0.2..0.6))
-}
-
-fn hum_loose(rng: &mut Pcg64) -> Planted {
-    // Off by up to 0.2 Hz, by turns.
-    let (swing_s, off_hz) = (log_uniform(rng, 1.0, 10.0), rng.random_range(0.05..0.2));
-    let third = rng.random_range(0.1..0.4);
-    Planted::new("amplitude_m", (5e-9, 2e-6), move |a, bench| {
-        bench.measures.push(Measure::LooseHum { m: a, hz: 50.0, third, swing_rad: off_hz * swing_s, swing_s });
+fn offset_slow_noise(rng: &mut Pcg64) -> Planted {
+    let (share, corner_hz) = (log_uniform(rng, 0.001, 0.004), log_uniform(rng, 0.5, 5.0));
+    offset_and(rng, move |offset_m, bench| {
+        bench.digitises.push(Digitise::Coloured { m: share * offset_m.abs(), corner_hz });
     })
-    .with("off_hz", off_hz)
-    .with("swing_s", swing_s)
-    .with("third", third)
-    .band(HUM.0, HUM.1)
+    .with("noise_share", share)
+    .with("corner_hz", corner_hz)
 }
 
-fn hum_cut(rng: &mut Pcg64) -> Planted {
-    let decay = rng.random_range(2.0..8.0);
-    Planted::new("amplitude_m", (5e-9, 4e-6), move |a, bench| {
-        bench.measures.push(Measure::CutHum { m: a, hz: 50.0, decay });
+fn offset_ground_loop(rng: &mut Pcg64) -> Planted {
+    let share = log_uniform(rng, 0.0005, 0.002);
+    offset_and(rng, move |offset_m, bench| {
+        let m = share * offset_m.abs();
+        bench.measures.push(Measure::Hum { m, hz: 50.0, second: 0.0, third: 0.3, fifth: 0.0 });
     })
-    .with("decay_per_half_wave", decay)
-    .band(HUM.0, HUM.1)
+    .with("hum_share", share)
 }
 
-fn hum_force(rng: &mut Pcg64) -> Planted {
-    // Magnetostriction has twice the mains' frequency and no line at it.
-    let second = rng.random_range(0.1..0.5);
-    Planted::new("force_N", (1e-4, 0.1), move |a, bench| {
-        bench.forces.push(Force::Periodic { n: a, hz: 100.0, second, beat_hz: 0.0 });
+/// As `gain`: 0.1 to 20 %.
+const GAIN: (f64, f64) = (0.001, 0.2);
+
+fn gain_off_zero(rng: &mut Pcg64) -> Planted {
+    let (sign, at_m) = (sign(rng), sign(rng) * rng.random_range(10e-6..60e-6));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.measures.push(Measure::Gain(1.0 + sign * a));
+        bench.measures.push(Measure::Offset(-sign * a * at_m));
     })
-    .with("second", second)
-    .band(HUM.0, HUM.1)
+    .with("sign", sign)
+    .with("right_at_um", at_m * 1e6)
 }
 
-/// A lattice that shows: its own rms is 2 to 10 times the noise.
-const LATTICE: (f64, f64) = (2.0, 10.0);
-
-fn lattice(_: &mut Pcg64) -> Planted {
-    Planted::new("step_m", (2e-8, 2e-6), |a, bench| bench.digitises.push(Digitise::Lattice { m: a }))
-        .band(LATTICE.0, LATTICE.1)
-}
-
-fn truncation(_: &mut Pcg64) -> Planted {
-    Planted::new("step_m", (2e-8, 2e-6), |a, bench| bench.digitises.push(Digitise::Truncation { m: a }))
-        .band(LATTICE.0, LATTICE.1)
-}
-
-fn dac(_: &mut Pcg64) -> Planted {
-    Planted::new("step_V", (0.01, 3.0), |a, bench| bench.timing.dac_lsb_v = a).band(LATTICE.0, LATTICE.1)
-}
-
-fn uneven_codes(rng: &mut Pcg64) -> Planted {
-    let skew = sign(rng) * rng.random_range(0.3..0.8);
-    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| {
-        bench.digitises.push(Digitise::UnevenCodes { m: a, skew });
+fn gain_by_sign(rng: &mut Pcg64) -> Planted {
+    let (sign, lesser, down) = (sign(rng), rng.random_range(0.6..0.9), rng.random::<bool>());
+    let shares = if down { (lesser, 1.0) } else { (1.0, lesser) };
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.measures.push(Measure::GainBySign { up: 1.0 + sign * shares.0 * a, down: 1.0 + sign * shares.1 * a });
     })
-    .with("skew", skew)
-    .band(LATTICE.0, LATTICE.1)
+    .with("sign", sign)
+    .with("positive_share", shares.0)
+    .with("negative_share", shares.1)
 }
 
-fn held_codes(rng: &mut Pcg64) -> Planted {
-    let hold = rng.random_range(0.15..0.5);
-    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| bench.digitises.push(Digitise::HeldCodes { m: a, hold }))
-        .with("hold_over_step", hold)
-        .band(LATTICE.0, LATTICE.1)
-}
-
-fn floating(_: &mut Pcg64) -> Planted {
-    Planted::new("step_at_stroke_m", (2e-8, 8e-6), |a, bench| {
-        bench.digitises.push(Digitise::Floating { m: a, full_m: STROKE_M });
+fn gain_breathing(rng: &mut Pcg64) -> Planted {
+    let (sign, share, period_s) = (sign(rng), rng.random_range(0.05..0.2), log_uniform(rng, 0.5, 4.0));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.measures.push(Measure::BreathingGain { error: sign * a, share, period_s });
     })
-    .band(LATTICE.0, LATTICE.1)
+    .with("sign", sign)
+    .with("breathing_share", share)
+    .with("period_s", period_s)
 }
 
-fn both_converters(rng: &mut Pcg64) -> Planted {
-    let ratio = log_uniform(rng, 0.5, 2.0);
-    Planted::new("step_m", (2e-8, 2e-6), move |a, bench| {
-        bench.timing.dac_lsb_v = ratio * a / static_gain_m_per_v();
-        bench.digitises.push(Digitise::Lattice { m: a });
+fn gain_stepping(rng: &mut Pcg64) -> Planted {
+    let (sign, later) = (sign(rng), 1.0 + sign(rng) * rng.random_range(0.1..0.35));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        let (error, later) = (sign * a, sign * later * a);
+        bench.measures.push(Measure::SteppedGain { error, later, within_s: 0.6 });
     })
-    .with("command_over_sensor", ratio)
-    .band(LATTICE.0, LATTICE.1)
+    .with("sign", sign)
+    .with("later_over_first", later)
+}
+
+fn gain_controlled(rng: &mut Pcg64) -> Planted {
+    let (sign, share, tau_s) = (sign(rng), rng.random_range(0.1..0.4), log_uniform(rng, 0.02, 0.3));
+    Planted::new("gain_error", GAIN, move |a, bench| {
+        bench.measures.push(Measure::ControlledGain { error: sign * a, share, tau_s });
+    })
+    .with("sign", sign)
+    .with("lost_at_stroke", share)
+    .with("tau_s", tau_s)
+}
+
+/// 10 nm to 30 um; the band decides.
+const DRIFT_M: (f64, f64) = (1e-8, 3e-5);
+
+fn drift_log(rng: &mut Pcg64) -> Planted {
+    let (sign, from_s) = (sign(rng), log_uniform(rng, 0.02, 0.5));
+    Planted::new("m_per_decade", DRIFT_M, move |a, bench| {
+        bench.measures.push(Measure::LogDrift { m_per_decade: sign * a, from_s });
+    })
+    .with("sign", sign)
+    .with("from_s", from_s)
+}
+
+fn drift_late(rng: &mut Pcg64) -> Planted {
+    let (sign, tau_s) = (sign(rng), log_uniform(rng, 0.15, 1.5));
+    Planted::new("amplitude_m", DRIFT_M, move |a, bench| bench.measures.push(Measure::LateDrift { m: sign * a, tau_s }))
+        .with("sign", sign)
+        .with("tau_s", tau_s)
+}
+
+fn drift_from(rng: &mut Pcg64) -> Planted {
+    let (sign, within_s) = (sign(rng), rng.random_range(0.2..0.5));
+    Planted::new("rate_m_per_s", DRIFT_M, move |a, bench| {
+        bench.measures.push(Measure::DriftFrom { m_per_s: sign * a, within_s });
+    })
+    .with("sign", sign)
+    .with("starts_within_s", within_s)
+}
+
+fn drift_jerks(rng: &mut Pcg64) -> Planted {
+    let (sign, mean_s) = (sign(rng), log_uniform(rng, 0.03, 0.2));
+    Planted::new("mean_jerk_m", (2e-9, 5e-6), move |a, bench| {
+        bench.measures.push(Measure::Jerks { m: sign * a, mean_s });
+    })
+    .with("sign", sign)
+    .with("mean_dwell_s", mean_s)
+}
+
+fn drift_thermostat(rng: &mut Pcg64) -> Planted {
+    let (period_s, on_share) = (log_uniform(rng, 0.6, 3.0), rng.random_range(0.2..0.6));
+    Planted::new("amplitude_m", DRIFT_M, move |a, bench| {
+        bench.measures.push(Measure::Thermostat { m: a, period_s, on_share });
+    })
+    .with("period_s", period_s)
+    .with("on_share", on_share)
+}
+
+fn carries(rng: &mut Pcg64) -> Planted {
+    let (at_m, pitch_m) = (rng.random_range(-15e-6..15e-6), rng.random_range(30e-6..50e-6));
+    let sign = sign(rng);
+    Planted::new("step_m", (2e-8, 5e-6), move |a, bench| {
+        bench.measures.push(Measure::Carries { m: sign * a, at_m, pitch_m });
+    })
+    .with("sign", sign)
+    .with("at_um", at_m * 1e6)
+    .with("pitch_um", pitch_m * 1e6)
+}
+
+fn hollow(rng: &mut Pcg64) -> Planted {
+    let (sign, width_m) = (sign(rng), log_uniform(rng, 5e-6, 30e-6));
+    Planted::new("slope_difference", (5e-4, 0.2), move |a, bench| {
+        bench.measures.push(Measure::Hollow { share: sign * a, width_m });
+    })
+    .with("sign", sign)
+    .with("width_um", width_m * 1e6)
 }

@@ -8,6 +8,7 @@ use crate::sensor::Follow;
 use crate::structure::Force;
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
 
 pub(super) const FORMS: &[Form] = &[
     Form { effect: VibrationMode, name: "beside the main mode", splits: DC, draw: mode_drive },
@@ -22,6 +23,11 @@ pub(super) const FORMS: &[Form] = &[
         splits: C,
         draw: mode_read_absorber,
     },
+    Form { effect: VibrationMode, name: "light base on rubber feet", splits: C, draw: mode_base },
+    Form { effect: VibrationMode, name: "target plate on a flexure", splits: C, draw: mode_plate },
+    Form { effect: VibrationMode, name: "surge of the preload spring", splits: C, draw: mode_surge },
+    Form { effect: VibrationMode, name: "in a joint that slips when it swings", splits: C, draw: mode_joint },
+    Form { effect: VibrationMode, name: "on a mount that works loose", splits: C, draw: mode_loose },
     Form { effect: NonlinearStiffness, name: "cubic", splits: DC, draw: cubic },
     Form { effect: NonlinearStiffness, name: "fifth power", splits: C, draw: quintic },
     Form { effect: NonlinearStiffness, name: "softens and levels off", splits: R, draw: levelling },
@@ -33,28 +39,21 @@ pub(super) const FORMS: &[Form] = &[
     },
     Form { effect: NonlinearStiffness, name: "odd square", splits: C, draw: odd_square },
     Form { effect: NonlinearStiffness, name: "hyperbolic sine", splits: C, draw: sinh },
+    Form { effect: NonlinearStiffness, name: "balls on either side", splits: C, draw: hertz },
+    Form { effect: NonlinearStiffness, name: "detent of a magnet's poles", splits: C, draw: detent },
     Form { effect: AsymmetricStiffness, name: "quadratic", splits: D, draw: quadratic },
     Form { effect: AsymmetricStiffness, name: "bilinear", splits: DC, draw: bilinear },
     Form { effect: AsymmetricStiffness, name: "second spring engages gradually", splits: CR, draw: engaging },
     Form { effect: AsymmetricStiffness, name: "bilinear and quadratic", splits: R, draw: bilinear_quadratic },
     Form { effect: AsymmetricStiffness, name: "fourth power", splits: C, draw: quartic },
     Form { effect: AsymmetricStiffness, name: "exponential", splits: C, draw: exponential },
-    Form { effect: CoulombFriction, name: "tanh", splits: D, draw: friction_tanh },
-    Form { effect: CoulombFriction, name: "Dahl", splits: DC, draw: friction_dahl },
-    Form { effect: CoulombFriction, name: "hard with stick", splits: CR, draw: friction_hard },
-    Form { effect: CoulombFriction, name: "LuGre with Stribeck", splits: R, draw: friction_lugre },
-    Form { effect: CoulombFriction, name: "hard with stick, another one each way", splits: C, draw: friction_by_way },
-    Form { effect: CoulombFriction, name: "Maxwell slip, five sliders", splits: C, draw: friction_maxwell },
-    Form { effect: CoulombFriction, name: "Dahl, pressed on by the stroke", splits: C, draw: friction_wedge },
+    Form { effect: AsymmetricStiffness, name: "magnet on one side", splits: C, draw: magnet },
+    Form { effect: AsymmetricStiffness, name: "rubber cone, pressed in", splits: C, draw: cone },
     Form { effect: PayloadMass, name: "rigid", splits: DCR, draw: payload },
     Form { effect: PayloadMass, name: "on a stiff mount", splits: C, draw: payload_mounted },
     Form { effect: PayloadMass, name: "rigid, with some damping", splits: R, draw: payload_damped },
-    Form { effect: EndStop, name: "linear contact", splits: DC, draw: stop_linear },
-    Form { effect: EndStop, name: "Hunt-Crossley", splits: C, draw: stop_hunt_crossley },
-    Form { effect: EndStop, name: "both sides, damped", splits: R, draw: stop_two },
-    Form { effect: EndStop, name: "bumper before a hard wall", splits: C, draw: stop_bumper },
-    Form { effect: EndStop, name: "contact that sticks", splits: C, draw: stop_sticky },
-    Form { effect: EndStop, name: "pad that creeps", splits: C, draw: stop_pad },
+    Form { effect: PayloadMass, name: "rigid, rocking a little", splits: C, draw: payload_rocking },
+    Form { effect: PayloadMass, name: "partly dragged along by a liquid", splits: C, draw: payload_liquid },
     Form { effect: PeriodicForce, name: "sine", splits: DC, draw: force_sine },
     Form { effect: PeriodicForce, name: "sine with its second harmonic", splits: C, draw: force_harmonic },
     Form { effect: PeriodicForce, name: "sine with a slow beat", splits: R, draw: force_beat },
@@ -63,11 +62,8 @@ pub(super) const FORMS: &[Form] = &[
     Form { effect: PeriodicForce, name: "one push per turn", splits: C, draw: force_knock },
     Form { effect: PeriodicForce, name: "frequency wanders", splits: C, draw: force_wandering },
     Form { effect: PeriodicForce, name: "two unrelated lines", splits: C, draw: force_two },
-    Form { effect: Backlash, name: "play", splits: DC, draw: play },
-    Form { effect: Backlash, name: "play with drag", splits: CR, draw: play_soft },
-    Form { effect: Backlash, name: "lost motion across a gap", splits: R, draw: lost_motion },
-    Form { effect: Backlash, name: "play worn at one end", splits: C, draw: play_worn },
-    Form { effect: Backlash, name: "plays that close one after the other", splits: C, draw: play_rough },
+    Form { effect: PeriodicForce, name: "sine with half its order", splits: C, draw: force_half_order },
+    Form { effect: PeriodicForce, name: "saw tooth", splits: C, draw: force_saw },
 ];
 
 /// Share of the static gain: -60 to -6 dB (anchors F27: -40 to -10 dB).
@@ -283,70 +279,6 @@ fn exponential(rng: &mut Pcg64) -> Planted {
     .with("over_um", over_m * 1e6)
 }
 
-/// Anchors F30: 0.1 to 5 % of the blocking force, which is 2.8 N at 60 V; less still shows at 10 nm of noise.
-const FRICTION_N: (f64, f64) = (5e-4, 0.2);
-
-fn friction_tanh(rng: &mut Pcg64) -> Planted {
-    let w_m_per_s = log_uniform(rng, 2e-4, 2e-3);
-    Planted::new("force_N", FRICTION_N, move |a, bench| {
-        bench.forces.push(Force::TanhFriction { n: a, w_m_per_s });
-    })
-    .with("transition_m_per_s", w_m_per_s)
-}
-
-fn friction_hard(_: &mut Pcg64) -> Planted {
-    Planted::new("force_N", FRICTION_N, |a, bench| bench.forces.push(Force::Coulomb { n: a }))
-}
-
-fn bristle(rng: &mut Pcg64, static_ratio: f64, stribeck_m_per_s: f64) -> Planted {
-    let presliding_m = log_uniform(rng, 0.2e-6, 3e-6);
-    Planted::new("force_N", FRICTION_N, move |a, bench| {
-        bench.forces.push(Force::Bristle {
-            coulomb_n: a,
-            static_n: static_ratio * a,
-            stribeck_m_per_s,
-            n_per_m: a / presliding_m,
-        });
-    })
-    .with("presliding_um", presliding_m * 1e6)
-    .with("static_over_coulomb", static_ratio)
-    .with("stribeck_m_per_s", stribeck_m_per_s)
-}
-
-fn friction_dahl(rng: &mut Pcg64) -> Planted {
-    bristle(rng, 1.0, 1.0)
-}
-
-fn friction_lugre(rng: &mut Pcg64) -> Planted {
-    let (static_ratio, stribeck_m_per_s) = (rng.random_range(1.2..1.7), log_uniform(rng, 5e-4, 5e-3));
-    bristle(rng, static_ratio, stribeck_m_per_s)
-}
-
-fn friction_by_way(rng: &mut Pcg64) -> Planted {
-    let (lesser, back) = (rng.random_range(0.3..0.75), rng.random::<bool>());
-    let shares = if back { (lesser, 1.0) } else { (1.0, lesser) };
-    Planted::new("force_N", FRICTION_N, move |a, bench| {
-        bench.forces.push(Force::CoulombByWay { forth_n: shares.0 * a, back_n: shares.1 * a });
-    })
-    .with("forth_share", shares.0)
-    .with("back_share", shares.1)
-}
-
-fn friction_maxwell(rng: &mut Pcg64) -> Planted {
-    let slip_m = log_uniform(rng, 0.3e-6, 5e-6);
-    Planted::new("force_N", FRICTION_N, move |a, bench| bench.forces.push(Force::MaxwellSlip { n: a, slip_m }))
-        .with("slip_um", slip_m * 1e6)
-}
-
-fn friction_wedge(rng: &mut Pcg64) -> Planted {
-    let (slip_m, more) = (log_uniform(rng, 0.2e-6, 3e-6), rng.random_range(0.5..3.0));
-    Planted::new("force_N", FRICTION_N, move |a, bench| {
-        bench.forces.push(Force::Wedge { n: a, slip_m, per_m: more / STROKE_M });
-    })
-    .with("slip_um", slip_m * 1e6)
-    .with("more_at_stroke", more)
-}
-
 /// Anchors F28 has 0.05 to 1; less is within what a weighing error could be.
 const PAYLOAD: (f64, f64) = (0.15, 0.6);
 
@@ -373,94 +305,19 @@ fn payload_damped(rng: &mut Pcg64) -> Planted {
     .any_gap()
 }
 
-/// How far the stop reaches into the largest stroke, overshoot included.
-const STOP: (f64, f64) = (0.01, 0.6);
-
-fn stop_gap_m(reach: f64) -> f64 {
-    1.25 * STROKE_M * (1.0 - reach)
-}
-
-fn stop_linear(rng: &mut Pcg64) -> Planted {
-    let ratio = log_uniform(rng, 0.5, 5.0);
-    Planted::new("reach_share", STOP, move |a, bench| {
-        bench.forces.push(Force::Stop { n_per_m: ratio * bench.stiffness_n_per_m, gap_m: stop_gap_m(a) });
-    })
-    .with("contact_over_k", ratio)
-}
-
-fn stop_hunt_crossley(rng: &mut Pcg64) -> Planted {
-    let (ratio, s_per_m) = (log_uniform(rng, 1.0, 8.0), log_uniform(rng, 0.5, 5.0));
-    Planted::new("reach_share", STOP, move |a, bench| {
-        // As stiff as a linear contact at a depth of 10 um.
-        let n_per_m15 = ratio * bench.stiffness_n_per_m / 10e-6_f64.sqrt();
-        bench.forces.push(Force::HuntCrossley { n_per_m15, gap_m: stop_gap_m(a), s_per_m });
-    })
-    .with("contact_over_k_at_10_um", ratio)
-    .with("damping_s_per_m", s_per_m)
-}
-
-fn stop_two(rng: &mut Pcg64) -> Planted {
-    let (ratio, drag) = (log_uniform(rng, 0.3, 3.0), rng.random_range(0.2..2.0));
-    Planted::new("reach_share", STOP, move |a, bench| {
-        bench.forces.push(Force::TwoStops {
-            n_per_m: ratio * bench.stiffness_n_per_m,
-            gap_m: stop_gap_m(a),
-            n_s_per_m: drag * bench.damping_n_s_per_m,
-        });
-    })
-    .with("contact_over_k", ratio)
-    .with("drag_over_b", drag)
-}
-
-fn stop_bumper(rng: &mut Pcg64) -> Planted {
-    let (side, ratio) = (sign(rng), log_uniform(rng, 1.0, 6.0));
-    let (thick_m, soft_share) = (log_uniform(rng, 1e-6, 10e-6), rng.random_range(0.05..0.3));
-    Planted::new("reach_share", STOP, move |a, bench| {
-        bench.forces.push(Force::Bumper {
-            side,
-            n_per_m: ratio * bench.stiffness_n_per_m,
-            gap_m: stop_gap_m(a),
-            thick_m,
-            soft_share,
-        });
-    })
-    .with("side", side)
-    .with("wall_over_k", ratio)
-    .with("bumper_um", thick_m * 1e6)
-    .with("bumper_over_wall", soft_share)
-}
-
-fn stop_sticky(rng: &mut Pcg64) -> Planted {
-    let (ratio, neck_m) = (log_uniform(rng, 0.5, 4.0), log_uniform(rng, 0.3e-6, 3e-6));
-    Planted::new("reach_share", STOP, move |a, bench| {
-        let n_per_m = ratio * bench.stiffness_n_per_m;
-        bench.forces.push(Force::StickyStop { n_per_m, gap_m: stop_gap_m(a), neck_m });
-    })
-    .with("contact_over_k", ratio)
-    .with("neck_um", neck_m * 1e6)
-}
-
-fn stop_pad(rng: &mut Pcg64) -> Planted {
-    let ratio = log_uniform(rng, 0.5, 4.0);
-    let (share, tau_s) = (rng.random_range(0.2..0.7), log_uniform(rng, 1e-3, 0.1));
-    Planted::new("reach_share", STOP, move |a, bench| {
-        let n_per_m = ratio * bench.stiffness_n_per_m;
-        bench.forces.push(Force::PadStop { n_per_m, gap_m: stop_gap_m(a), share, tau_s });
-    })
-    .with("contact_over_k", ratio)
-    .with("creeping_share", share)
-    .with("tau_s", tau_s)
-}
-
 /// A frequency that is no line of the mains: at least 3 Hz from every multiple of 50 and 60 Hz.
 fn off_mains_hz(rng: &mut Pcg64, low: f64, high: f64) -> f64 {
     loop {
         let hz = log_uniform(rng, low, high);
-        let far = |mains: f64| (hz - mains * (hz / mains).round()).abs() > 3.0 || hz < mains / 2.0;
-        if far(50.0) && far(60.0) {
+        if is_off_mains(hz) {
             return hz;
         }
     }
+}
+
+fn is_off_mains(hz: f64) -> bool {
+    let far = |mains: f64| (hz - mains * (hz / mains).round()).abs() > 3.0 || hz < mains / 2.0;
+    far(50.0) && far(60.0)
 }
 
 fn force_of(hz: f64, second: f64, beat_hz: f64) -> Planted {
@@ -538,37 +395,150 @@ fn force_two(rng: &mut Pcg64) -> Planted {
     .with("other_over_first", second)
 }
 
-/// Anchors F31: 0.01 to 1 um.
-const PLAY_M: (f64, f64) = (0.01e-6, 4e-6);
-
-fn play(_: &mut Pcg64) -> Planted {
-    Planted::new("half_width_m", PLAY_M, |a, bench| bench.follows.push(Follow::Play { half_m: a }))
+fn mode_base(rng: &mut Pcg64) -> Planted {
+    // The moving mass shakes what it stands on; the sensor stands on it too.
+    let (hz, damping_ratio) = (log_uniform(rng, 25.0, 90.0), log_uniform(rng, 0.03, 0.15));
+    Planted::new("share", MODE, move |a, bench| {
+        bench.follows.push(Follow::ArmMode { share: a, hz, damping_ratio });
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
 }
 
-fn play_soft(rng: &mut Pcg64) -> Planted {
-    let tau_s = log_uniform(rng, 0.05, 1.0);
-    Planted::new("half_width_m", PLAY_M, move |a, bench| {
-        bench.follows.push(Follow::SoftPlay { half_m: a, tau_s });
+fn mode_plate(rng: &mut Pcg64) -> Planted {
+    let (mass_share, damping_ratio) = (log_uniform(rng, 0.02, 0.15), log_uniform(rng, 0.005, 0.03));
+    // Softness is what the plate lags by at the main mode's 900 Hz: 1.3 to 9 kHz.
+    Planted::new("softness", (0.01, 0.5), move |a, bench| {
+        let (kg, hz) = (mass_share * bench.mass_kg, 900.0 / a.sqrt());
+        bench.mass_kg -= kg;
+        bench.forces.push(Force::Absorber { kg, hz, damping_ratio });
+        bench.follows.push(Follow::ArmMode { share: 1.0, hz, damping_ratio });
     })
+    .with("mass_share", mass_share)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_surge(rng: &mut Pcg64) -> Planted {
+    let (hz, damping_ratio) = (log_uniform(rng, 250.0, 700.0), log_uniform(rng, 0.005, 0.03));
+    Planted::new("mass_share", (0.001, 0.3), move |a, bench| {
+        let first_kg = a * bench.mass_kg;
+        for order in [1.0, 2.0, 3.0] {
+            let kg = first_kg / (order * order);
+            bench.mass_kg -= kg;
+            bench.forces.push(Force::Absorber { kg, hz: order * hz, damping_ratio });
+        }
+    })
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+}
+
+fn mode_joint(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    let (more, at_v) = (rng.random_range(0.5..3.0), 20.0);
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::JointMode { m_per_v, hz, damping_ratio, more, at_v });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("more_damping_at_20V", more)
+}
+
+fn mode_loose(rng: &mut Pcg64) -> Planted {
+    let ((hz, damping_ratio), sign) = (mode_hz(rng), sign(rng));
+    let (share, tau_s) = (rng.random_range(0.02..0.1), log_uniform(rng, 0.2, 2.0));
+    Planted::new("share", MODE, move |a, bench| {
+        let m_per_v = sign * a * static_gain_m_per_v();
+        bench.follows.push(Follow::LooseMode { m_per_v, hz, damping_ratio, share, tau_s });
+    })
+    .with("sign", sign)
+    .with("hz", hz)
+    .with("damping_ratio", damping_ratio)
+    .with("loosened_by", share)
     .with("tau_s", tau_s)
 }
 
-fn lost_motion(rng: &mut Pcg64) -> Planted {
-    let at_m = rng.random_range(-30e-6..30e-6);
-    Planted::new("half_width_m", PLAY_M, move |a, bench| {
-        bench.follows.push(Follow::LostMotion { half_m: a, at_m });
+fn hertz(rng: &mut Pcg64) -> Planted {
+    let sign = sign(rng);
+    Planted::new("share_at_stroke", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Hertz { n_per_m: sign * a * bench.stiffness_n_per_m, at_m: STROKE_M });
     })
-    .with("at_um", at_m * 1e6)
+    .with("sign", sign)
 }
 
-fn play_worn(rng: &mut Pcg64) -> Planted {
-    let worn = sign(rng) * rng.random_range(0.3..0.75);
-    Planted::new("half_width_m", PLAY_M, move |a, bench| {
-        bench.follows.push(Follow::WornPlay { half_m: a, per_m: worn / STROKE_M });
+fn detent(rng: &mut Pcg64) -> Planted {
+    let (sign, period_m) = (sign(rng), log_uniform(rng, 90e-6, 220e-6));
+    Planted::new("detent_over_k", NONLINEAR, move |a, bench| {
+        bench.forces.push(Force::Detent { n_per_m: sign * a * bench.stiffness_n_per_m, period_m });
     })
-    .with("wider_at_stroke", worn)
+    .with("sign", sign)
+    .with("period_um", period_m * 1e6)
 }
 
-fn play_rough(_: &mut Pcg64) -> Planted {
-    Planted::new("half_width_m", PLAY_M, |a, bench| bench.follows.push(Follow::RoughPlay { half_m: a }))
+fn magnet(rng: &mut Pcg64) -> Planted {
+    let (side, away_m) = (sign(rng), log_uniform(rng, 250e-6, 600e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let near = STROKE_M / away_m;
+        let pull = 0.5 / near * ((1.0 - near).powi(-2) - 1.0 - 2.0 * near);
+        bench.forces.push(Force::Magnet { n_per_m: a * bench.stiffness_n_per_m / pull, away_m: side * away_m });
+    })
+    .with("side", side)
+    .with("away_um", away_m * 1e6)
+}
+
+fn cone(rng: &mut Pcg64) -> Planted {
+    let (side, pressed_m) = (sign(rng), log_uniform(rng, 140e-6, 300e-6));
+    Planted::new("share_at_stroke", STEEP, move |a, bench| {
+        let share = STROKE_M / pressed_m;
+        let push = ((1.0 + share).powf(1.5) - 1.0 - 1.5 * share) / (1.5 * share);
+        bench.forces.push(Force::Cone { n_per_m: a * bench.stiffness_n_per_m / push, pressed_m: side * pressed_m });
+    })
+    .with("side", side)
+    .with("pressed_um", pressed_m * 1e6)
+}
+
+fn payload_rocking(rng: &mut Pcg64) -> Planted {
+    let (read, hz) = (sign(rng) * rng.random_range(0.08..0.2), log_uniform(rng, 1.5e3, 2.5e3));
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        bench.mass_kg *= 1.0 + a;
+        bench.follows.push(Follow::ArmMode { share: read * a, hz, damping_ratio: 0.02 });
+    })
+    .with("rocking_over_mass_share", read)
+    .with("rocking_hz", hz)
+    .any_gap()
+}
+
+fn payload_liquid(rng: &mut Pcg64) -> Planted {
+    let (share, tau_s) = (rng.random_range(0.15..0.5), log_uniform(rng, 3e-5, 3e-4));
+    Planted::new("mass_share", PAYLOAD, move |a, bench| {
+        let kg = a * bench.mass_kg;
+        bench.mass_kg += (1.0 - share) * kg;
+        // A spring of 10 Hz only keeps the liquid in its vessel; its drag alone takes it along.
+        let hz = 10.0;
+        bench.forces.push(Force::Absorber { kg: share * kg, hz, damping_ratio: 0.5 / (TAU * hz * tau_s) });
+    })
+    .with("liquid_share", share)
+    .with("tau_s", tau_s)
+    .any_gap()
+}
+
+fn force_half_order(rng: &mut Pcg64) -> Planted {
+    let hz = loop {
+        let hz = off_mains_hz(rng, 16.0, 160.0);
+        if is_off_mains(0.5 * hz) {
+            break hz;
+        }
+    };
+    let half = rng.random_range(0.2..0.8);
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::HalfOrder { n: a, hz, half }))
+        .with("hz", hz)
+        .with("half_order", half)
+}
+
+fn force_saw(rng: &mut Pcg64) -> Planted {
+    let (hz, quick) = (off_mains_hz(rng, 8.0, 120.0), rng.random_range(0.05..0.3));
+    Planted::new("force_N", FORCE_N, move |a, bench| bench.forces.push(Force::Saw { n: a, hz, quick }))
+        .with("hz", hz)
+        .with("quick_share", quick)
 }
