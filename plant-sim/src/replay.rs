@@ -287,6 +287,7 @@ impl Kinks {
         let is_sharp = log.meta.hold == Hold::Zoh
             && !drive.has_memory()
             && drive.warming.is_none()
+            && drive.swings.is_empty()
             && parts.transducer.is_none()
             && sensor.lag.is_none();
         if !is_sharp {

@@ -2,7 +2,8 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arm, Arrivals, Chain, Cycle, Drive, Force, Gap, Heat, Held, Parts, Sensor, SensorState, Simulator, Stairs, Warming,
+    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Lag, Parts, Sensor, SensorState,
+    Simulator, Stairs, Swing, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -458,6 +459,79 @@ fn contacts_with_plays_of_their_own_are_read_as_the_mean_of_the_plants_with_each
     assert!(furthest_m < 1e-18, "{furthest_m:e}");
     let apart_m = spread.iter().zip(behind_m(2e-6, f64::INFINITY)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!((apart_m - 0.4e-6).abs() < 1e-12, "{apart_m:e}");
+}
+
+#[test]
+fn a_spring_takes_a_play_up_towards_its_side() {
+    // 0.11 s of rest are 22 time constants: the sensor's side is at one end of the play, whichever way the structure came.
+    for to in [-1.0, 1.0] {
+        let behind = behind(Sensor { play_m: 1e-6, drag_s: 5e-3, drag_to: to, ..Sensor::IDEAL });
+        assert!((behind[1499] + 0.5e-6 * to).abs() < 1e-9, "{to}: {:e}", behind[1499]);
+    }
+}
+
+#[test]
+fn flaws_and_halves_are_where_they_are_said_to_be() {
+    let flaw = Flaw { at_m: 2e-6, width_m: 1e-6, bump_m: 1e-8, rise_m: 0.0 };
+    let scratched = Sensor { flaws: vec![flaw], ..Sensor::IDEAL };
+    let bent = Sensor { flaws: vec![Flaw { bump_m: 0.0, rise_m: 1e-8, ..flaw }], ..Sensor::IDEAL };
+    let halves = Sensor { gain_skew: 0.01, ..Sensor::IDEAL };
+    let off = (-0.5f64).exp();
+    for (seen_m, bump, rise) in
+        [(2e-6, 1.0, 0.0), (3e-6, off, 1.0), (1e-6, off, -1.0), (2.5e-6, (-0.125f64).exp(), 0.5)]
+    {
+        let error_m = |sensor: &Sensor| sensor.predictable_m(seen_m, 0.0) - seen_m;
+        assert!((error_m(&scratched) - 1e-8 * bump).abs() < 1e-18, "{seen_m:e}");
+        assert!((error_m(&bent) - 1e-8 * rise).abs() < 1e-18, "{seen_m:e}");
+        assert!((error_m(&halves) - 0.01 * seen_m).abs() < 1e-18, "{seen_m:e}");
+    }
+    assert!((halves.predictable_m(-1e-6, 0.0) + 0.99e-6).abs() < 1e-18);
+}
+
+#[test]
+fn a_gain_that_swings_does_so_in_the_drive_and_in_the_sensor() {
+    let swing = Swing { hz: 2.0, cos_share: 0.05, sin_share: 0.02 };
+    let mut plain = chain();
+    plain.plant.hysterons.clear();
+    let read = |chain: &Chain| predict(chain, &log(vec![20.0; 10_000], Hold::Zoh, 0.0), &Start::relaxed(chain), 10_000);
+    let of_sensor = read(&Chain { sensor: Sensor { swings: vec![swing], ..Sensor::IDEAL }, ..plain.clone() });
+    let of_drive = read(&Chain { drive: Drive { swings: vec![swing], ..Drive::IDEAL }, ..plain.clone() });
+    let still = read(&plain);
+    for k in (4_000..10_000).step_by(500) {
+        let (sin, cos) = (std::f64::consts::TAU * 2.0 * k as f64 * SAMPLE_S).sin_cos();
+        let gain = 1.0 + 0.05 * (1.0 - cos) + 0.02 * sin;
+        assert!((of_sensor[k] / still[k] - gain).abs() < 1e-12, "sensor, row {k}");
+        // The structure rings on by itself, and follows 2 Hz a little late.
+        assert!((of_drive[k] / still[k] - gain).abs() < 1e-3, "drive, row {k}");
+    }
+}
+
+#[test]
+fn a_lag_that_grows_is_as_slow_as_the_place_says() {
+    // Small steps about 10 um: there a lag that doubles every 10 um is one of twice the time.
+    let command_v = || (0..3000).map(|k| if k < 2000 { 20.0 } else { 20.5 }).collect();
+    let mut plain = chain();
+    plain.plant.hysterons.clear();
+    let place_m = 20.0 * plain.plant.static_gain_m_per_v();
+    let read = |chain: &Chain| predict(chain, &log(command_v(), Hold::Zoh, 0.0), &Start::relaxed(chain), 3000);
+    let lag = |time_constant_s| Some(Lag::First { time_constant_s });
+    let of_sensor = |time_constant_s, outwards| {
+        let lag_growth = Growth { outwards, ..Growth::NONE };
+        read(&Chain { sensor: Sensor { lag: lag(time_constant_s), lag_growth, ..Sensor::IDEAL }, ..plain.clone() })
+    };
+    let of_drive = |time_constant_s, by_side| {
+        let lag_growth = Growth { by_side, ..Growth::NONE };
+        read(&Chain { drive: Drive { lag: lag(time_constant_s), lag_growth, ..Drive::IDEAL }, ..plain.clone() })
+    };
+    let after = |a: &[f64], b: &[f64]| a.iter().zip(b).skip(2000).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let step_m = 0.5 * plain.plant.static_gain_m_per_v();
+    for (grown, twice, once) in [
+        (of_sensor(1e-3, 1.0 / place_m), of_sensor(2e-3, 0.0), of_sensor(1e-3, 0.0)),
+        (of_drive(1e-3, 1.0 / 20.0), of_drive(2e-3, 0.0), of_drive(1e-3, 0.0)),
+    ] {
+        let (near_m, far_m) = (after(&grown, &twice), after(&grown, &once));
+        assert!(near_m < 0.03 * step_m && far_m > 0.15 * step_m, "{near_m:e} {far_m:e} of {step_m:e}");
+    }
 }
 
 #[test]

@@ -24,7 +24,7 @@ const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandw
 const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
 const AS_PROMISING: f64 = 0.6;
-const MOST_OTHERS: usize = 2;
+const MOST_OTHERS: usize = 3;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
 /// A form of fewer numbers goes first if it promised this share of the best one's gain.

@@ -193,7 +193,7 @@ fn gap_over_least(refit: &Candidate) -> f64 {
 fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>) -> Course {
     let bench = search.bench;
     let remainders = search.play(&refit);
-    let scattered = scattered(bench, &remainders);
+    let scattered = scattered(bench, &remainders, true);
     let excess = refit.chi - 1.0;
     // Least fraction that a comparison of fits resolves.
     let floor = (RESOLVED / (refit.rows() as f64 * excess.max(1e-9))).sqrt().min(1.0);
@@ -231,7 +231,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     if let Some((best, left)) =
         best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left > PAIR_BEYOND)
     {
-        let beside = self::scattered(bench, &search.play(best));
+        let beside = self::scattered(bench, &search.play(best), false);
         let both = scatter_of(&beside, best).into_iter().map(|mut explanation| {
             explanation.judged.left *= left;
             explanation

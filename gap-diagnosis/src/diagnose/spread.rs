@@ -10,6 +10,10 @@ const STRETCHES: usize = 10;
 /// Neighbours that a line is put through at the most, evenly out of all: a million tell a slope to a thousandth, and ten minutes have twelve.
 const MOST_NEIGHBOURS: usize = 1_000_000;
 
+/// Rows over which an error of the instants may wander, and the share of its variance below which it has been forgotten.
+const LAGS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
+const FORGOTTEN: f64 = 0.1;
+
 /// How much of the excess power each kind of scatter accounts for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Scattered {
@@ -33,8 +37,9 @@ pub struct Scattered {
     pub multiplied_m2: f64,
 }
 
-/// Reads the scatter of all logs together.
-pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
+/// Reads the scatter of all logs together. What an effect leaves because its form is wrong may look like instants whose error wanders: only where
+/// nothing is installed `may_wander` be true.
+pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) -> Scattered {
     let mut rows = 0usize;
     let mut excess = 0.0;
     let mut squares = 0.0;
@@ -44,6 +49,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
     let mut by_displacement = Vec::new();
     let all_rows: usize = bench.records.iter().map(|record| record.log.len()).sum();
     let stride = all_rows.div_ceil(MOST_NEIGHBOURS).max(1);
+    let lag = if may_wander { forgotten_after(bench, remainders) } else { 1 };
     for (record, log) in bench.records.iter().zip(remainders) {
         let y = &record.log.displacement_m;
         let noise2 = record.noise_m * record.noise_m;
@@ -68,12 +74,12 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
             stretches.push((mean2 - noise2).max(0.0));
         }
         for k in fitted.step_by(stride) {
-            if record.has_lost(k) {
+            if record.has_lost(k) || k < record.run_in + lag {
                 continue;
             }
-            // Half the squared difference of neighbours: what is slow drops out.
-            let half = 0.5 * (log.residual_m[k] - log.residual_m[k - 1]).powi(2);
-            let v2 = 0.5 * (log.velocity_m_per_s[k].powi(2) + log.velocity_m_per_s[k - 1].powi(2));
+            // Half the squared difference of neighbours, or of rows between which the instants' error is forgotten: what is slow drops out.
+            let half = 0.5 * (log.residual_m[k] - log.residual_m[k - lag]).powi(2);
+            let v2 = 0.5 * (log.velocity_m_per_s[k].powi(2) + log.velocity_m_per_s[k - lag].powi(2));
             by_velocity.push((v2, half));
             by_displacement.push((y[k] * y[k], half));
         }
@@ -95,6 +101,33 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder]) -> Scattered {
         repeated_m2: f64::max(repeats.1, 0.0) / count,
         unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
         multiplied_m2: multiplied.max(0.0) * mean_y2,
+    }
+}
+
+/// Rows after which an error of the sampling instants is forgotten: one, where it is another one in every row, or where it never is.
+fn forgotten_after(bench: &Bench<'_>, remainders: &[Remainder]) -> usize {
+    // The residual is velocity times error, so that products of both tell the error's covariance, in seconds squared.
+    let covariance_s2 = |lag: usize| {
+        let (mut products, mut weights) = (0.0, 0.0);
+        for (record, log) in bench.records.iter().zip(remainders) {
+            let noise2 = if lag == 0 { record.noise_m.powi(2) } else { 0.0 };
+            let (r, v) = (&log.residual_m, &log.velocity_m_per_s);
+            for k in record.run_in + lag..r.len() {
+                if record.has_lost(k) || record.has_lost(k - lag) {
+                    continue;
+                }
+                let both = v[k] * v[k - lag];
+                products += (r[k] * r[k - lag] - noise2) * both;
+                weights += both * both;
+            }
+        }
+        products / weights.max(f64::MIN_POSITIVE)
+    };
+    let whole_s2 = covariance_s2(0);
+    let is_kept = LAGS.map(|lag| covariance_s2(lag).abs() > FORGOTTEN * whole_s2);
+    match is_kept.iter().rposition(|kept| *kept) {
+        Some(last) if last + 1 < LAGS.len() && whole_s2 > 0.0 => LAGS[last + 1],
+        _ => 1,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The drive: what stands between the controller's number and the volts on the actuator.
 
-use super::Lag;
+use super::{Growth, Lag, Swing};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -41,8 +41,12 @@ pub struct Drive {
     pub slew_down_v_per_s: f64,
     /// Bandwidth of the output.
     pub lag: Option<Lag>,
+    /// How a first-order lag grows with the output.
+    pub lag_growth: Growth,
     /// A gain that changes as the actuator warms.
     pub warming: Option<Warming>,
+    /// How that gain wanders besides; their sum.
+    pub swings: Vec<Swing>,
     /// Probability that a command never arrives and the one before stays. Acts where a controller writes its commands
     /// ([`Arrivals`]), not where a log is replayed: no simulation can predict which ones were lost.
     pub lost_share: f64,
@@ -112,7 +116,9 @@ impl Drive {
         slew_v_per_s: f64::INFINITY,
         slew_down_v_per_s: f64::INFINITY,
         lag: None,
+        lag_growth: Growth::NONE,
         warming: None,
+        swings: Vec::new(),
         lost_share: 0.0,
     };
 

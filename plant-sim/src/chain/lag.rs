@@ -19,6 +19,28 @@ pub enum Lag {
     },
 }
 
+/// How a first-order lag's time constant grows with what is there, relative to that at zero: T (1 + by_side x + outwards |x|), x in volts
+/// or metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Growth {
+    /// More on one side of zero than on the other, 1/V or 1/m.
+    pub by_side: f64,
+    /// More on both sides, or less if it is negative, 1/V or 1/m.
+    pub outwards: f64,
+}
+
+impl Growth {
+    /// One time constant everywhere.
+    pub const NONE: Growth = Growth { by_side: 0.0, outwards: 0.0 };
+
+    /// Time constant at `x` over that at zero.
+    fn slower(self, x: f64) -> f64 {
+        (1.0 + self.by_side * x + self.outwards * x.abs()).max(LEAST_LAG)
+    }
+}
+
+/// Least share that is left of a lag that grows.
+const LEAST_LAG: f64 = 0.05;
 /// A time constant below this acts as none, in seconds; the closed forms divide by it.
 const NEGLIGIBLE_S: f64 = 1e-12;
 /// How far a damping ratio keeps from 1, where the two poles of a second-order lag meet and the closed forms divide by zero. The
@@ -129,6 +151,19 @@ impl LagState {
                 moments(input, duration_s)
             }
         }
+    }
+
+    /// The same of a lag that grows, with the time constant that it has where its output is.
+    pub(super) fn pass_grown(&mut self, lag: Option<Lag>, growth: Growth, input: [f64; 4], duration_s: f64) -> Moments {
+        if growth == Growth::NONE {
+            return self.pass(lag, input, duration_s);
+        }
+        // What is slower by a factor sees everything faster by it.
+        let slower = growth.slower(self.value);
+        let [a, b, c, d] = input;
+        let input = [a, b * slower, c * slower.powi(2), d * slower.powi(3)];
+        let Moments { zeroth, first, second } = self.pass(lag, input, duration_s / slower);
+        Moments { zeroth: zeroth * slower, first: first * slower.powi(2), second: second * slower.powi(3) }
     }
 
     fn decays(&mut self, poles: [Complex<f64>; 2], duration_s: f64) -> [Decay; 2] {

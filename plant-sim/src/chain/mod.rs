@@ -21,9 +21,9 @@ mod transducer;
 mod waveform;
 
 pub use drive::{Arrivals, Drive, Heat, Warming};
-pub use lag::Lag;
+pub use lag::{Growth, Lag};
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
-pub use sensor::{Cycle, Drift, Gap, Line, Sensor, SensorState, Settling, Stairs};
+pub use sensor::{Cycle, Drift, Flaw, Gap, Line, Sensor, SensorState, Settling, Stairs, Swing};
 pub use transducer::DriveHysteresis;
 
 use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, unpack};
@@ -112,6 +112,7 @@ pub struct Simulator {
     /// Volts at the actuator at the present sample's start.
     acting_v: f64,
     heat: Option<HeatState>,
+    swings: Vec<Swing>,
 }
 
 /// A linear plant that the engine steps in place of actuator and structure; its first state is what is seen.
@@ -183,7 +184,8 @@ impl Simulator {
         let mut seen = vec![0];
         seen.extend((0..modes.len()).filter(|&i| parallel(&modes[i])).map(|i| first_mode + 2 * i));
         let feedthrough = linear.as_ref().is_some_and(|space| space.d != 0.0);
-        let in_engine = chain.sensor.play_m == 0.0 && outside.is_empty() && !feedthrough && !parts.is_massless;
+        let is_plain = chain.sensor.play_m == 0.0 && chain.sensor.lag_growth == Growth::NONE;
+        let in_engine = is_plain && outside.is_empty() && !feedthrough && !parts.is_massless;
         let lag =
             chain.sensor.lag.filter(|lag| in_engine && lag.acts() && dynamics.states() + 2 <= MAX_STATES).map(|lag| {
                 let at = dynamics.states();
@@ -234,6 +236,7 @@ impl Simulator {
             pace,
             acting_v: 0.0,
             heat: chain.drive.warming.map(|warming| HeatState::new(warming, sample_s)),
+            swings: chain.drive.swings.clone(),
         }
     }
 
@@ -349,11 +352,12 @@ impl Simulator {
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
     pub fn advance(&mut self, command: Held, force_n: f64) {
-        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain);
+        let sample_start_s = self.readout.time_s();
+        let swung = Swing::gain(&self.swings, sample_start_s + 0.5 * self.sample_s);
+        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain) * swung;
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
         let shaking = &self.shaking;
-        let sample_start_s = self.readout.time_s();
         self.acting_v = match &mut self.pace {
             Pace::Exact(queue) => {
                 queue.advance(stepper, transducer, shaking, [sample_start_s, self.sample_s], command, alpha, force_n)

@@ -37,7 +37,10 @@ pub struct Parts {
 impl Parts {
     /// Friction that the structure can hold at rest, in newton.
     pub fn holdable_n(&self) -> f64 {
-        let held = |force: &Force| if let Force::Presliding { coulomb_n, .. } = force { *coulomb_n } else { 0.0 };
+        let held = |force: &Force| match force {
+            Force::Presliding { coulomb_n, .. } | Force::Slider { coulomb_n, .. } => *coulomb_n,
+            _ => 0.0,
+        };
         self.forces.iter().map(held).sum()
     }
 
@@ -120,6 +123,13 @@ pub enum Force {
         coulomb_n: f64,
         /// Displacement over which the force builds up, in metres.
         presliding_m: f64,
+    },
+    /// Coulomb friction of a slider on a spring (an element of Jenkin or Prandtl): z' = v / slip as long as |z| < 1, F = Fc z.
+    Slider {
+        /// Fc in N.
+        coulomb_n: f64,
+        /// Stretch of the spring at which the slider gives way, in metres.
+        slip_m: f64,
     },
     /// Hysteresis of the structure: a Bouc-Wen law in newton, driven by the displacement in metres.
     BoucWen(BoucWen),

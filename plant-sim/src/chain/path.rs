@@ -106,6 +106,9 @@ impl Quadrature {
                 Force::Presliding { presliding_m, .. } => {
                     quadrature.presliding_m = quadrature.presliding_m.min(presliding_m.max(1e-15));
                 }
+                Force::Slider { slip_m, .. } => {
+                    quadrature.presliding_m = quadrature.presliding_m.min(slip_m.max(1e-15))
+                }
                 Force::BoucWen(law) => quadrature.presliding_m = quadrature.presliding_m.min(law.length().max(1e-15)),
                 _ => {}
             }

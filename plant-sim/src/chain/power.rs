@@ -48,6 +48,8 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
             let (unit_m, depth) = in_pad(at_m, q);
             stiffness_n_per_m * unit_m.powi(2) * depth.powf(exponent + 1.0) / (exponent + 1.0)
         }
+        // z of a slider.
+        Force::Slider { coulomb_n, slip_m } => 0.5 * coulomb_n * slip_m * h * h,
         Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
         // h h'/A = h q' less what is turned into heat.
         Force::BoucWen(law) => 0.5 * h * h / law.amplitude,
@@ -58,6 +60,9 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
         .sum();
     mechanic + electric + forces + modes
 }
+
+/// State of a slider that slides, which rounding may have pushed back a little.
+const GIVES_WAY: f64 = 0.999;
 
 /// Power turned into heat in plant and parts, in watt. Never negative, but for presliding, which gives back a part at reversals.
 pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
@@ -72,6 +77,13 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         .sum();
     let friction = |(force, z): (&Force, &f64)| match *force {
         Force::Presliding { coulomb_n, .. } => coulomb_n * z * w,
+        Force::Slider { coulomb_n, .. } => {
+            if z * w.signum() > GIVES_WAY {
+                coulomb_n * w.abs()
+            } else {
+                0.0
+            }
+        }
         // Never negative if beta >= |gamma|.
         Force::BoucWen(law) => {
             (law.beta * w.abs() * z.abs() + law.gamma * w * z) * z.abs().powf(law.exponent) / law.amplitude

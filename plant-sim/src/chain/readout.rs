@@ -98,7 +98,7 @@ impl Readout {
         for contact in 0..self.contacts {
             let (half_m, from_m) = (self.half_m(contact), self.contacts_m[contact]);
             // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
-            let crept_m = self.dragged_m(from_m, displacement_m);
+            let crept_m = self.dragged_m(from_m, displacement_m + self.sensor.drag_to * half_m);
             // Where a search has led the plant to where it is no number any more, the reading is none either.
             let now_m = if displacement_m.is_nan() {
                 displacement_m
@@ -112,7 +112,7 @@ impl Readout {
         let (now_m, now_m_per_s) = (self.mean_m(), rate_m_per_s / self.contacts as f64);
         if self.sensor.lag.is_some() {
             let cubic = hermite([self.behind_m, self.behind_m_per_s], [now_m, now_m_per_s], self.sample_s);
-            self.lag.pass(self.sensor.lag, cubic, self.sample_s);
+            self.lag.pass_grown(self.sensor.lag, self.sensor.lag_growth, cubic, self.sample_s);
         }
         (self.behind_m, self.behind_m_per_s) = (now_m, now_m_per_s);
     }

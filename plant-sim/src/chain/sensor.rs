@@ -1,11 +1,11 @@
 //! The sensor: what turns the structure's displacement into the logged number.
 
-use super::Lag;
+use super::{Growth, Lag};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, cycles, drift, lines, stairs; then jitter, noise, quantisation and
+/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, flaws, cycles, drift, lines, stairs; then jitter, noise, quantisation and
 /// repeated samples, which no simulation can predict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
@@ -14,22 +14,32 @@ pub struct Sensor {
     /// Where several contacts share the joint, each with a play of its own, their widths go evenly from this share less than `play_m` up to it,
     /// and the sensor's side is in their mean: 0 for one contact, at most 1.
     pub play_spread: f64,
-    /// Time constant with which the sensor's side creeps to the middle of the play, in seconds; infinite for a play without drag.
+    /// Time constant with which the sensor's side creeps through the play, in seconds; infinite for a play without drag.
     pub drag_s: f64,
+    /// Where it creeps to, in halves of the play from its middle: -1 or 1 where a spring takes the play up.
+    pub drag_to: f64,
     /// Lost motion at one place: the reading stands still while the structure crosses it.
     pub gap: Option<Gap>,
     /// Bandwidth.
     pub lag: Option<Lag>,
+    /// How a first-order lag grows with the displacement.
+    pub lag_growth: Growth,
     /// Gain relative to the nominal sensor.
     pub gain: f64,
+    /// Half of the difference between the gains on either side of zero: an instrument of two halves.
+    pub gain_skew: f64,
     /// How the gain changes while the instrument warms up, from the log's start on.
     pub settling: Option<Settling>,
+    /// How the gain wanders besides; their sum.
+    pub swings: Vec<Swing>,
     /// c2 in y + c2 y^2 + c3 y^3, 1/m.
     pub quadratic_per_m: f64,
     /// c3, 1/m^2.
     pub cubic_per_m2: f64,
     /// Reading at zero displacement, in metres.
     pub offset_m: f64,
+    /// Errors at one place.
+    pub flaws: Vec<Flaw>,
     /// Errors that repeat with the displacement.
     pub cycles: Vec<Cycle>,
     /// Drifts of the zero; their sum.
@@ -75,6 +85,28 @@ pub struct Settling {
     pub time_constant_s: f64,
 }
 
+/// A gain of 1 + cos_share (1 - cos(w t)) + sin_share sin(w t), t from the log's start, w = 2 pi hz: what wanders slowly is the sum of a few.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Swing {
+    /// Frequency in Hz.
+    pub hz: f64,
+    /// Relative, half of what the first part changes at the most.
+    pub cos_share: f64,
+    /// Relative, amplitude of the second.
+    pub sin_share: f64,
+}
+
+impl Swing {
+    /// The gain that `swings` make together at `time_s`.
+    pub(super) fn gain(swings: &[Swing], time_s: f64) -> f64 {
+        let one = |swing: &Swing| {
+            let (sin, cos) = (std::f64::consts::TAU * swing.hz * time_s).sin_cos();
+            swing.cos_share * (1.0 - cos) + swing.sin_share * sin
+        };
+        1.0 + swings.iter().map(one).sum::<f64>()
+    }
+}
+
 /// A joint with a gap: within `width_m` around `at_m` the structure moves and the sensor's side does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gap {
@@ -82,6 +114,19 @@ pub struct Gap {
     pub at_m: f64,
     /// Full width in metres, >= 0.
     pub width_m: f64,
+}
+
+/// An error of the reading at one place: a scratch of the target, or a region of another slope.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flaw {
+    /// Its middle, in metres of the displacement.
+    pub at_m: f64,
+    /// Its half width w in metres, > 0.
+    pub width_m: f64,
+    /// height exp(-(y - at)^2 / 2 w^2), in metres.
+    pub bump_m: f64,
+    /// height times (y - at) / w within the width, and -1 and 1 beyond it, in metres.
+    pub rise_m: f64,
 }
 
 /// cos_m cos(2 pi y / period) + sin_m sin(2 pi y / period): the error of an encoder or an interferometer.
@@ -121,13 +166,18 @@ impl Sensor {
         play_m: 0.0,
         play_spread: 0.0,
         drag_s: f64::INFINITY,
+        drag_to: 0.0,
         gap: None,
         lag: None,
+        lag_growth: Growth::NONE,
         gain: 1.0,
+        gain_skew: 0.0,
         settling: None,
+        swings: Vec::new(),
         quadratic_per_m: 0.0,
         cubic_per_m2: 0.0,
         offset_m: 0.0,
+        flaws: Vec::new(),
         cycles: Vec::new(),
         drifts: Vec::new(),
         lines: Vec::new(),
@@ -144,15 +194,18 @@ impl Sensor {
 
     /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag and clock are left.
     pub fn before_reading(&self) -> Sensor {
-        let Sensor { play_m, play_spread, drag_s, lag, clock_ratio, clock_drift_per_s, .. } = *self;
-        Sensor { play_m, play_spread, drag_s, lag, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
+        let Sensor { play_m, play_spread, drag_s, drag_to, lag, lag_growth, clock_ratio, clock_drift_per_s, .. } =
+            *self;
+        Sensor { play_m, play_spread, drag_s, drag_to, lag, lag_growth, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
     }
 
     /// Whether [`Sensor::predictable_m`] is a gain and an offset.
     pub(super) fn is_affine(&self) -> bool {
-        let is_straight = self.gap.is_none() && self.quadratic_per_m == 0.0 && self.cubic_per_m2 == 0.0;
-        let is_steady = self.settling.is_none() && self.drifts.is_empty() && self.lines.is_empty();
-        is_straight && is_steady && self.cycles.is_empty() && self.stairs.is_none()
+        let is_straight =
+            self.gap.is_none() && self.gain_skew == 0.0 && self.quadratic_per_m == 0.0 && self.cubic_per_m2 == 0.0;
+        let is_steady =
+            self.settling.is_none() && self.swings.is_empty() && self.drifts.is_empty() && self.lines.is_empty();
+        is_straight && is_steady && self.flaws.is_empty() && self.cycles.is_empty() && self.stairs.is_none()
     }
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
@@ -167,7 +220,12 @@ impl Sensor {
             displacement_m * (1.0 + displacement_m * (self.quadratic_per_m + displacement_m * self.cubic_per_m2));
         let settled =
             self.settling.map_or(1.0, |settling| 1.0 - settling.share * (-time_s / settling.time_constant_s).exp_m1());
-        let mut reading_m = self.gain * settled * bent + self.offset_m;
+        let bent = bent + self.gain_skew * displacement_m.abs();
+        let mut reading_m = self.gain * settled * Swing::gain(&self.swings, time_s) * bent + self.offset_m;
+        for flaw in &self.flaws {
+            let apart = (displacement_m - flaw.at_m) / flaw.width_m;
+            reading_m += flaw.bump_m * (-0.5 * apart * apart).exp() + flaw.rise_m * apart.clamp(-1.0, 1.0);
+        }
         for cycle in &self.cycles {
             let (sin, cos) = (std::f64::consts::TAU * displacement_m / cycle.period_m).sin_cos();
             reading_m += cycle.cos_m * cos + cycle.sin_m * sin;

@@ -119,6 +119,7 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
                 exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
+            Force::Slider { coulomb_n, slip_m } => coulomb_n.abs() / slip_m.max(1e-12),
             Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         })
@@ -196,14 +197,14 @@ impl Laws {
         }
     }
 
-    /// Every presliding friction has been pushed to this `share` of what it can hold.
+    /// Every friction that sticks has been pushed to this `share` of what it can hold.
     pub(super) fn hold(&mut self, share: f64) {
-        let is_presliding = |force: &Force| matches!(force, Force::Presliding { .. });
+        let is_presliding = |force: &Force| matches!(force, Force::Presliding { .. } | Force::Slider { .. });
         let slid = self.slid.iter_mut().zip(&self.forces);
         slid.filter(|(_, force)| is_presliding(force)).for_each(|(slid, _)| *slid = share);
     }
 
-    /// z of each presliding friction and h of each Bouc-Wen law, zero for other forces.
+    /// z of each friction that sticks and h of each Bouc-Wen law, zero for other forces.
     pub(super) fn slid(&self) -> &[f64] {
         &self.slid
     }
@@ -457,6 +458,7 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> 
                 half_n_per_m * (q + (q - at_m).hypot(width_m) - at_m.hypot(width_m))
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
+            Force::Slider { coulomb_n, slip_m } => coulomb_n * stretched(z, by_m, slip_m),
             Force::BoucWen(law) => law.after(z, by_m),
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
@@ -476,10 +478,16 @@ fn drag(forces: &[Force], slid: &mut [f64], by_m: f64) {
     for (force, z) in forces.iter().zip(slid) {
         match *force {
             Force::Presliding { presliding_m, .. } => *z = dragged(*z, by_m, presliding_m),
+            Force::Slider { slip_m, .. } => *z = stretched(*z, by_m, slip_m),
             Force::BoucWen(law) => *z = law.after(*z, by_m),
             _ => {}
         }
     }
+}
+
+/// A slider's z after `by_m` of motion one way.
+fn stretched(z: f64, by_m: f64, slip_m: f64) -> f64 {
+    (z + by_m / slip_m.max(1e-15)).clamp(-1.0, 1.0)
 }
 
 /// Dahl's z after `by_m` of motion one way: z' = (1 - z sign(q')) q' / presliding.

@@ -161,6 +161,7 @@ impl Waveform {
     }
 
     fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64) -> Moments {
-        self.lag.pass(self.output.drive.lag, [from_v, slope, 0.0, 0.0], duration_s)
+        let Drive { lag, lag_growth, .. } = self.output.drive;
+        self.lag.pass_grown(lag, lag_growth, [from_v, slope, 0.0, 0.0], duration_s)
     }
 }

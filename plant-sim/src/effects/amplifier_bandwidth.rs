@@ -8,8 +8,8 @@ effect!(AmplifierBandwidth, "amplifier_bandwidth", Drive);
 const ABOUT: About = About {
     title: "amplifier bandwidth",
     what: "The drive follows the command as a linear low-pass does, because the amplifier charges a capacitance.",
-    equation: "T v' + v = u, T = R C; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
-               C: capacitance of the load, w: natural frequency, z: damping ratio",
+    equation: "T v' + v = u, T = R C, or T (1 + c v) or T (1 + c |v|) instead, as a ceramic's capacitance grows; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
+               C: capacitance of the load, c: how it grows, w: natural frequency, z: damping ratio",
     source: "PiezoDrive PD200X4 manual (5.6 kHz power bandwidth at 1 uF and 100 V)",
     typical: "corners between 30 Hz and 5 kHz",
     installs: "a lag of the drive",
@@ -41,7 +41,31 @@ pub(super) fn second(scales: &Scales<'_>) -> Vec<Parameter> {
     ]
 }
 
+/// The parameters of a first-order lag that grows by up to its own size over half a span of `half`.
+pub(super) fn growing(scales: &Scales<'_>, name: &'static str, unit: &'static str, half: f64) -> Vec<Parameter> {
+    let most = 0.9 / half;
+    let mut parameters = first(scales);
+    parameters.push(Parameter::place(name, unit, [-most, most], vec![-0.5 * most, 0.5 * most]));
+    parameters
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("first-order", first, |chain, p| add_first(&mut chain.drive.lag, p[0])),
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.drive.lag, p[0], p[1])),
+    Form::predictable(
+        "growing",
+        |scales| growing(scales, "growth_per_v", "1/V", scales.drive_v),
+        |chain, p| {
+            add_first(&mut chain.drive.lag, p[0]);
+            chain.drive.lag_growth.by_side = p[1];
+        },
+    ),
+    Form::predictable(
+        "growing-outwards",
+        |scales| growing(scales, "growth_per_v", "1/V", scales.drive_v),
+        |chain, p| {
+            add_first(&mut chain.drive.lag, p[0]);
+            chain.drive.lag_growth.outwards = p[1];
+        },
+    ),
 ];

@@ -8,7 +8,8 @@ effect!(Backlash, "backlash", Structure);
 const ABOUT: About = About {
     title: "backlash",
     what: "A joint has play: after each reversal the sensor's side stays until the play is used up.",
-    equation: "play operator: y follows q within +-g/2; with drag: within the play tau y' = q - y besides; several \
+    equation: "play operator: y follows q within +-g/2; with drag: within the play tau y' = q - y besides; taken up by a spring: tau y' = q + s \
+               g/2 - y, s = -1 or 1; several \
                plays: the mean of five, g (1 - s) to g wide; gap: y = q - clamp(q - q0, -g/2, g/2); q: displacement \
                of the structure, y: displacement that the sensor sees, g: full width of the play, s: spread, q0: \
                where the gap lies",
@@ -41,6 +42,23 @@ const FORMS: &[Form] = &[
         |chain, p| {
             chain.sensor.play_m += p[0];
             chain.sensor.drag_s = p[1];
+        },
+    ),
+    Form::predictable(
+        "play-taken-up",
+        |scales| {
+            let sample_s = scales.sample_s;
+            let starts = spaced(10.0 * sample_s, 1000.0 * sample_s, 2);
+            vec![
+                width("play_m", scales),
+                Parameter::shape("drag_s", "s", [sample_s, 1e4 * sample_s], starts),
+                Parameter::place("towards", "", [-1.0, 1.0], vec![-1.0, 1.0]),
+            ]
+        },
+        |chain, p| {
+            chain.sensor.play_m += p[0];
+            chain.sensor.drag_s = p[1];
+            chain.sensor.drag_to = p[2];
         },
     ),
     Form::predictable(

@@ -8,10 +8,11 @@ effect!(CoulombFriction, "coulomb_friction", Structure);
 const ABOUT: About = About {
     title: "Coulomb friction",
     what: "A guide or a contact rubs: a force of constant size against the motion.",
-    equation: "F = Fc z, z' = q' (1 - z sign(q')) / s (presliding, Dahl), or F = Fc tanh(q' / vs); F: force against \
+    equation: "F = Fc z, z' = q' (1 - z sign(q')) / s (presliding, Dahl), or z' = q' / s as long as |z| < 1 (a \
+               slider on a spring), or F = Fc tanh(q' / vs); F: force against \
                the motion, Fc: its size, z: state of the contact, q': velocity, s: presliding displacement, vs: speed \
                of transition",
-    source: "common form, size assumed",
+    source: "Dahl 1968; slider on a spring: the element of Jenkin, of which Maxwell-slip models are made; size assumed",
     typical: "0.1 to 5 % of the blocking force; next to nothing in flexures",
     installs: "a force on the mass",
     signature: "the loop is wider by a constant, at every amplitude and rate; at small amplitudes the motion sticks",
@@ -35,6 +36,15 @@ const FORMS: &[Form] = &[
             vec![coulomb(scales), Parameter::shape("presliding_m", "m", bounds, starts)]
         },
         |chain, p| chain.parts.forces.push(Force::Presliding { coulomb_n: p[0], presliding_m: p[1] }),
+    ),
+    Form::predictable(
+        "slider",
+        |scales| {
+            let bounds = [1e-4 * scales.stroke_m, scales.stroke_m / 10.0];
+            let starts = spaced(scales.stroke_m / 1000.0, scales.stroke_m / 20.0, 3);
+            vec![coulomb(scales), Parameter::shape("slip_m", "m", bounds, starts)]
+        },
+        |chain, p| chain.parts.forces.push(Force::Slider { coulomb_n: p[0], slip_m: p[1] }),
     ),
     Form::predictable(
         "smooth",

@@ -2,14 +2,14 @@
 
 use super::parts::phasor;
 use super::{About, Form, Parameter, Scales};
-use crate::chain::{Chain, Line};
+use crate::chain::{Chain, Line, Shake};
 
 effect!(MainsHum, "mains_hum", Environment);
 
 const ABOUT: About = About {
     title: "mains hum",
     what: "The mains reach the reading, at their frequency and its harmonics.",
-    equation: "y = q + sum over h = 1 .. 5 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t); q: displacement, y: reading, \
+    equation: "y = q + sum over h = 1 .. 5 of a_h cos(2 pi h f t) + b_h sin(2 pi h f t), or the same as a force, through the drive; q: displacement, y: reading, \
                f: 50 or 60 Hz, exactly or within 2 %, t: time since the log's start, a_h and b_h: of each log, since nothing ties \
                their phase to the log's start",
     source: "common form, size assumed",
@@ -30,6 +30,14 @@ const AMPLITUDES: [[&str; 2]; 5] = [
     ["cos_5_m", "sin_5_m"],
 ];
 
+const FORCES: [[&str; 2]; 5] = [
+    ["cos_1_n", "sin_1_n"],
+    ["cos_2_n", "sin_2_n"],
+    ["cos_3_n", "sin_3_n"],
+    ["cos_4_n", "sin_4_n"],
+    ["cos_5_n", "sin_5_n"],
+];
+
 fn parameters(scales: &Scales<'_>) -> Vec<Parameter> {
     AMPLITUDES.into_iter().flat_map(|names| phasor(names, "m", scales.stroke_m, 2e-4 * scales.stroke_m)).collect()
 }
@@ -38,6 +46,18 @@ fn hum(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
     for (i, amplitudes) in p.chunks_exact(2).enumerate() {
         let hz = mains_hz * (i + 1) as f64;
         chain.sensor.lines.push(Line { hz, cos_m: amplitudes[0], sin_m: amplitudes[1] });
+    }
+}
+
+/// Force of mains that reach the drive, on the mass.
+fn shaking(scales: &Scales<'_>) -> Vec<Parameter> {
+    let force_n = scales.plant.stiffness_n_per_m * scales.stroke_m;
+    FORCES.into_iter().flat_map(|names| phasor(names, "N", force_n, 2e-4 * force_n)).collect()
+}
+
+fn shake(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
+    for (i, amplitudes) in p.chunks_exact(2).enumerate() {
+        chain.parts.shakes.push(Shake { hz: mains_hz * (i + 1) as f64, cos_n: amplitudes[0], sin_n: amplitudes[1] });
     }
 }
 
@@ -51,5 +71,7 @@ const FORMS: &[Form] = &[
     Form::predictable("50 Hz", parameters, |chain, p| hum(chain, 50.0, p)),
     Form::predictable("60 Hz", parameters, |chain, p| hum(chain, 60.0, p)),
     Form::predictable("about 50 Hz", |scales| near(50.0, scales), |chain, p| hum(chain, p[0], &p[1..])),
+    Form::predictable("50 Hz on the drive", shaking, |chain, p| shake(chain, 50.0, p)),
+    Form::predictable("60 Hz on the drive", shaking, |chain, p| shake(chain, 60.0, p)),
     Form::predictable("about 60 Hz", |scales| near(60.0, scales), |chain, p| hum(chain, p[0], &p[1..])),
 ];

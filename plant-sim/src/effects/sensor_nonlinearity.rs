@@ -1,7 +1,7 @@
 //! Sensor nonlinearity: the reading is a curve of the displacement.
 
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::{Chain, Cycle};
+use crate::chain::{Chain, Cycle, Flaw};
 
 effect!(SensorNonlinearity, "sensor_nonlinearity", Sensor);
 
@@ -9,8 +9,9 @@ const ABOUT: About = About {
     title: "sensor nonlinearity",
     what: "The reading is a slightly bent function of the displacement, the same at every rate.",
     equation: "y = q + c2 q^2 + c3 q^3, or y = q + a cos(2 pi q / p) + b sin(2 pi q / p) (cyclic), \
-               or any smooth curve: both, p a little more than the range and its first fractions; q: displacement, y: \
-               reading, c2 and c3: coefficients, a, b and p: amplitudes and period",
+               or any smooth curve: both, p a little more than the range and its first fractions; or y = q + h exp(-x^2/2) (a \
+               flaw of the target), y = q + h clamp(x, -1, 1) (another slope there), x = (q - m)/w; q: displacement, y: \
+               reading, c2 and c3: coefficients, a, b and p: amplitudes and period, h, m and w: height, middle and half width",
     source: "PI E-727 manual (the controller corrects a sensor polynomial up to the fourth order); size assumed",
     typical: "0.01 to 1 % of the stroke",
     installs: "a polynomial of the sensor",
@@ -47,6 +48,18 @@ const N_PERIODS: usize = 7;
 /// Waves over a little more than the whole range, a fraction of it, and so on.
 const WAVES: [&str; 6] = ["cos_1_m", "sin_1_m", "cos_2_m", "sin_2_m", "cos_3_m", "sin_3_m"];
 
+/// Height, place and half width of an error at one place.
+fn flaw(scales: &Scales<'_>) -> Vec<Parameter> {
+    let stroke_m = scales.stroke_m;
+    let [low_m, high_m] = scales.displacement_m;
+    let starts = [0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85].map(|share| low_m + share * (high_m - low_m)).to_vec();
+    vec![
+        Parameter::signed("height_m", "m", 0.1 * stroke_m, 1e-3 * stroke_m),
+        Parameter::place("at_m", "m", [low_m, high_m], starts),
+        Parameter::shape("width_m", "m", [5e-3 * stroke_m, 0.5 * stroke_m], vec![0.05 * stroke_m, 0.2 * stroke_m]),
+    ]
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("quadratic", |scales| vec![quadratic(scales)], |chain, p| curve(chain, p[0], 0.0)),
     Form::predictable("cubic", |scales| vec![cubic(scales)], |chain, p| curve(chain, 0.0, p[0])),
@@ -69,6 +82,12 @@ const FORMS: &[Form] = &[
             }
         },
     ),
+    Form::predictable("flaw", flaw, |chain, p| {
+        chain.sensor.flaws.push(Flaw { bump_m: p[0], at_m: p[1], width_m: p[2], rise_m: 0.0 });
+    }),
+    Form::predictable("another-slope", flaw, |chain, p| {
+        chain.sensor.flaws.push(Flaw { rise_m: p[0], at_m: p[1], width_m: p[2], bump_m: 0.0 });
+    }),
     Form::predictable(
         "cyclic",
         |scales| {

@@ -1,5 +1,6 @@
 //! Thermal gain: the actuator's gain changes as it warms.
 
+use super::sensor_gain::{swings, wandering};
 use super::{About, Form, Parameter, Scales, spaced};
 use crate::chain::{Chain, Heat, Warming};
 
@@ -8,7 +9,8 @@ effect!(ThermalGain, "thermal_gain", Actuator);
 const ABOUT: About = About {
     title: "thermal gain",
     what: "The gain drifts as the ceramic warms, by itself after it was switched on or by the losses of the drive.",
-    equation: "y = y0 (1 + a theta), tau theta' = P - theta; a: relative change at theta = 1, tau: thermal time \
+    equation: "y = y0 (1 + a theta), tau theta' = P - theta, or, with a room that comes and goes, y = y0 (1 + sum a_k (1 \
+               - cos(pi k t / T))), k = 1 to 6, T: length of the longest log; a: relative change at theta = 1, tau: thermal time \
                constant, P: heat, which is 1 (time), (v / 60 V)^2 (drive) or |v v'| / (7.2e5 V^2/s) (loss: f C V^2 tan \
                delta, 1 for 60 V at 100 Hz), v: drive",
     source: "common form, size assumed",
@@ -50,4 +52,5 @@ const FORMS: &[Form] = &[
         |scales| parameters(scales, scales.drive_v * scales.usual_rate_v_per_s() / REFERENCE_V2_PER_S),
         |chain, p| warm(chain, p, Heat::Loss { volts2_per_s: REFERENCE_V2_PER_S }),
     ),
+    Form::predictable("wander", wandering, |chain, p| chain.drive.swings.extend(swings(p))),
 ];

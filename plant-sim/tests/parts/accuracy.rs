@@ -50,6 +50,7 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
         ("pad, harder", Force::Pad { at_m: -60e-6, stiffness_n_per_m: 2e3, exponent: 2.5 }, [0.25, EXACT_NM]),
         ("presliding 2 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }, [0.1, 0.005]),
         ("presliding 0.3 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-7 }, [0.03, 0.003]),
+        ("slider 2 um", Force::Slider { coulomb_n: 0.1, slip_m: 2e-6 }, [7.0, 0.1]),
         ("tanh 1 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 }, [0.8, 0.1]),
         ("tanh 10 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-2 }, [0.3, 0.02]),
         ("power 0.3", power(0.3), [0.2, 0.01]),

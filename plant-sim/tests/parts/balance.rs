@@ -30,6 +30,7 @@ fn stored_plus_dissipated_equals_supplied() {
         ("pad, harder", with_force(Force::Pad { at_m: -60e-6, stiffness_n_per_m: 2e3, exponent: 2.5 })),
         ("gradual", with_force(Force::Gradual { stiffness_n_per_m: 3000.0, at_m: 10e-6, width_m: 15e-6 })),
         ("presliding", with_force(Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 })),
+        ("slider", with_force(Force::Slider { coulomb_n: 0.1, slip_m: 2e-6 })),
         ("tanh", with_force(Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 })),
         ("power 0.3", with_force(power(0.3))),
         ("power 2", with_force(power(2.0))),

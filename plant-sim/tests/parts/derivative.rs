@@ -16,6 +16,8 @@ fn chains(x: f64) -> Vec<(&'static str, Chain)> {
         ("one-sided", with_force(Force::OneSided { stiffness_n_per_m: 1000.0 * x })),
         ("dahl fc", with_force(Force::Presliding { coulomb_n: 0.05 * x, presliding_m: 1e-6 })),
         ("dahl delta", with_force(Force::Presliding { coulomb_n: 0.05, presliding_m: 1e-6 * x })),
+        ("slider fc", with_force(Force::Slider { coulomb_n: 0.05 * x, slip_m: 1e-6 })),
+        ("slider s", with_force(Force::Slider { coulomb_n: 0.05, slip_m: 1e-6 * x })),
         ("tanh fc", with_force(Force::Smooth { coulomb_n: 0.05 * x, speed_m_per_s: 1e-3 })),
         ("tanh vs", with_force(Force::Smooth { coulomb_n: 0.05, speed_m_per_s: 1e-3 * x })),
         ("power f", with_force(Force::Power { force_n: 0.05 * x, reference_m_per_s: 0.1, exponent: 0.5 })),

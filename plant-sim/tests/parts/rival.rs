@@ -213,6 +213,11 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                 dx[SLID + i] = (w - z * w.abs()) / presliding_m;
                 coulomb_n * z
             }
+            Force::Slider { coulomb_n, slip_m } => {
+                let z = x[SLID + i];
+                dx[SLID + i] = if z * w.signum() < 1.0 { w / slip_m } else { 0.0 };
+                coulomb_n * z.clamp(-1.0, 1.0)
+            }
             Force::BoucWen(law) => {
                 let h = x[SLID + i];
                 let power = h.abs().powf(law.exponent);
