@@ -498,7 +498,7 @@ fn a_gain_that_swings_does_so_in_the_drive_and_in_the_sensor() {
     let of_drive = read(&Chain { drive: Drive { swings: vec![swing], ..Drive::IDEAL }, ..plain.clone() });
     let still = read(&plain);
     for k in (4_000..10_000).step_by(500) {
-        let (sin, cos) = (std::f64::consts::TAU * 2.0 * k as f64 * SAMPLE_S).sin_cos();
+        let (sin, cos) = (TAU * 2.0 * k as f64 * SAMPLE_S).sin_cos();
         let gain = 1.0 + 0.05 * (1.0 - cos) + 0.02 * sin;
         assert!((of_sensor[k] / still[k] - gain).abs() < 1e-12, "sensor, row {k}");
         // The structure rings on by itself, and follows 2 Hz a little late.
