@@ -43,14 +43,17 @@ fn main() {
             found.no_gap,
             found.unknown
         );
-        for e in found.explanations.iter().take(if verbose { 10 } else { 4 }) {
+        for e in found.explanations.iter().take(if verbose { 30 } else { 4 }) {
             let values: Vec<f64> = bench.values(&e.candidate.hypothesis, &e.candidate.found.z, 0).concat();
             println!(
-                "    {:.3} {:?} left {:.2} % prior {:.0} rms/noise {:.4} {} {}",
+                "    {:.3} {:?} left {:.2} % worst {:.2} % floor {:.3} % prior {:.0} of {} rms/noise {:.4} {} {}",
                 e.probability,
                 e.judged.ids,
                 100.0 * e.judged.left,
+                100.0 * e.judged.of_worst,
+                100.0 * e.judged.floor,
                 e.judged.prior_cost,
+                e.judged.parameters,
                 e.candidate.chi.sqrt(),
                 e.candidate.hypothesis.installed.iter().map(|i| i.form.name).collect::<Vec<_>>().join("+"),
                 values.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")

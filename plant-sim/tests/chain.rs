@@ -2,8 +2,8 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Lag, Parts, Sensor, SensorState,
-    Simulator, Stairs, Swing, Warming,
+    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Hinge, Lag, Parts, Relaxation, Sensor,
+    SensorState, Simulator, Stairs, Swing, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -210,9 +210,17 @@ fn the_drive_saturates_and_rounds() {
     let steeper: Vec<f64> = command_v.iter().map(|v| v + 0.05 * (v - 20.0).max(0.0)).collect();
     assert_eq!(through(&one_sided, &command_v), through(&chain(), &steeper));
 
-    let skew = Chain { drive: Drive { gain_skew: 0.1, ..Drive::IDEAL }, ..chain() };
+    let hinge = Hinge { at_v: 0.0, change: 0.1 };
+    let skew = Chain { drive: Drive { hinges: vec![hinge], ..Drive::IDEAL }, ..chain() };
     let skewed: Vec<f64> = command_v.iter().map(|v| v + 0.1 * v.abs()).collect();
     assert_eq!(through(&skew, &command_v), through(&chain(), &skewed));
+
+    // Another gain within 20 V of zero, as two hinges make it.
+    let hinges = vec![Hinge { at_v: -20.0, change: 0.025 }, Hinge { at_v: 20.0, change: -0.025 }];
+    let about_zero = Chain { drive: Drive { hinges, ..Drive::IDEAL }, ..chain() };
+    let steeper: Vec<f64> = command_v.iter().map(|v| v + 0.05 * v.clamp(-20.0, 20.0)).collect();
+    let apart = distance(&through(&about_zero, &command_v), &through(&chain(), &steeper));
+    assert!(apart < 1e-12 * largest(&command_v), "{apart:e}");
 
     let growing = Chain { drive: Drive { gain_growth_per_v: 2e-3, ..Drive::IDEAL }, ..chain() };
     let grown: Vec<f64> = command_v.iter().map(|v| v * (1.0 + 2e-3 * v.abs())).collect();
@@ -532,6 +540,84 @@ fn a_lag_that_grows_is_as_slow_as_the_place_says() {
         let (near_m, far_m) = (after(&grown, &twice), after(&grown, &once));
         assert!(near_m < 0.03 * step_m && far_m > 0.15 * step_m, "{near_m:e} {far_m:e} of {step_m:e}");
     }
+}
+
+#[test]
+fn a_lag_that_is_quicker_for_a_large_error_follows_its_equation() {
+    // e' = -e (1 + c e) / T has the solution e = x / (1 - c x), x = e0 / (1 + c e0) exp(-t / T).
+    // The line between two samples of the solution is off by an eighth of the square of a sample over what the lag takes at first.
+    for (time_constant_s, most) in [(50e-3, 3e-5), (5e-3, 1e-3)] {
+        let (eager, step_v) = (0.1, 30.0);
+        let lag_growth = Growth { eager, ..Growth::NONE };
+        let drive = Drive { lag: Some(Lag::First { time_constant_s }), lag_growth, ..Drive::IDEAL };
+        let eager_chain = Chain { drive, ..chain() };
+        let stepped = log((0..ROWS).map(|k| if k < 100 { 0.0 } else { step_v }).collect(), Hold::Zoh, 0.0);
+        let start = Start::relaxed(&chain());
+        let ours = predict(&eager_chain, &stepped, &start, ROWS);
+        let error_v = |k: usize| {
+            let x = step_v / (1.0 + eager * step_v) * (-((k - 100) as f64) * SAMPLE_S / time_constant_s).exp();
+            x / (1.0 - eager * x)
+        };
+        let solved = (0..ROWS).map(|k| if k < 100 { 0.0 } else { step_v - error_v(k) }).collect();
+        let theirs = predict(&chain(), &log(solved, Hold::Foh, 0.0), &start, ROWS);
+        let apart = distance(&ours, &theirs) / largest(&theirs);
+        assert!(apart < most, "{apart:e}");
+    }
+}
+
+#[test]
+fn a_drive_that_discharges_faster_than_it_charges_does() {
+    // 10 V/ms away from zero and 20 back: from 0 to 20 V in 2 ms, back to zero in 1 ms and on to -20 V in 2 ms.
+    let slew = Drive { slew_v_per_s: 1e4, slew_down_v_per_s: 1e4, discharge_ratio: 2.0, ..Drive::IDEAL };
+    let slewing = Chain { drive: slew, ..chain() };
+    let commands = (0..ROWS).map(|k| if (20..80).contains(&k) { 20.0 } else { -20.0 * f64::from(u8::from(k >= 80)) });
+    let ours = predict(&slewing, &log(commands.collect(), Hold::Zoh, 0.0), &Start::relaxed(&chain()), ROWS);
+    let ramps = |k: usize| {
+        let ms = |from: usize| (k - from) as f64 * SAMPLE_S * 1e3;
+        match k {
+            0..20 => 0.0,
+            20..80 => (10.0 * ms(20)).min(20.0),
+            80..90 => 20.0 - 20.0 * ms(80),
+            _ => (-10.0 * ms(90)).max(-20.0),
+        }
+    };
+    let line = log((0..ROWS).map(ramps).collect(), Hold::Foh, 0.0);
+    let theirs = predict(&chain(), &line, &Start::relaxed(&chain()), ROWS);
+    let apart = distance(&ours, &theirs) / largest(&theirs);
+    assert!(apart < 1e-9, "{apart:e}");
+}
+
+#[test]
+fn creep_by_side_growing_and_slower_back() {
+    // A held displacement relaxes all the way in 40 time constants: r = q.
+    let step = |volts: f64, rows: usize| -> Vec<f64> { (0..rows).map(|k| if k == 0 { 0.0 } else { volts }).collect() };
+    let even = Relaxation::even(0.1, 1e-3);
+    let read = |creep: Option<Relaxation>, command_v: Vec<f64>| {
+        let mut plain = chain();
+        plain.plant.hysterons.clear();
+        plain.parts.creep.extend(creep);
+        let rows = command_v.len();
+        predict(&plain, &log(command_v, Hold::Zoh, 0.0), &Start::relaxed(&plain), rows)
+    };
+    let ends = |creep: Option<Relaxation>, volts: f64| *read(creep, step(volts, 2000)).last().expect("rows");
+    let q = ends(None, 30.0);
+    let near = |creep: Relaxation, volts: f64, share: f64| {
+        let crept = ends(Some(creep), volts) / ends(None, volts) - 1.0;
+        assert!((crept - share).abs() < 1e-6, "{creep:?} {volts} V: {crept}");
+    };
+    near(even, 30.0, 0.1);
+    near(Relaxation { by_side: 0.5, ..even }, 30.0, 0.15);
+    near(Relaxation { by_side: 0.5, ..even }, -30.0, 0.05);
+    near(Relaxation { growth_per_m: 1.0 / q, ..even }, 30.0, 0.2);
+    near(Relaxation { growth_per_m: 1.0 / q, ..even }, -15.0, 0.15);
+    // What is slower on the way back is as an even one on the way out and as a slower one on the way back.
+    let out_and_back = || (0..4000).map(|k| if (1..2000).contains(&k) { 30.0 } else { 0.0 }).collect::<Vec<_>>();
+    let slower_back = read(Some(Relaxation { slower_back: 3.0, ..even }), out_and_back());
+    let slower = read(Some(Relaxation { time_constant_s: 3e-3, ..even }), out_and_back());
+    let even = read(Some(even), out_and_back());
+    assert_eq!(slower_back[..2000], even[..2000]);
+    assert!(distance(&slower_back[2000..], &slower[2000..]) < 1e-6 * q);
+    assert!(distance(&slower_back[2000..], &even[2000..]) > 1e-2 * q);
 }
 
 #[test]

@@ -18,6 +18,10 @@ pub const PARAMETER: f64 = 0.15;
 /// See [`PARAMETER`].
 pub const SECOND: f64 = 3.0;
 
+/// An effect that leaves more than the second of the gap of any one log is judged by that log, less than the first not at all: a cause of
+/// another kind may have little to say in most experiments.
+const MISSES_A_LOG: [f64; 2] = [0.45, 0.55];
+
 /// What is judged.
 #[derive(Clone, Debug)]
 pub struct Judged {
@@ -25,6 +29,8 @@ pub struct Judged {
     pub ids: Vec<&'static str>,
     /// Fraction of the gap that stays unexplained, as amplitude.
     pub left: f64,
+    /// The same of the log in which most of its own gap stays; zero where that is not known.
+    pub of_worst: f64,
     /// Least fraction that these logs resolve.
     pub floor: f64,
     /// Squares of the nominal numbers' shifts in sigma.
@@ -34,9 +40,21 @@ pub struct Judged {
 }
 
 impl Judged {
+    /// Fraction that it is judged by: that of all logs, or that of the worst where it misses most of that one's gap; on the way from one to
+    /// the other their mean on the logarithmic scale.
+    pub fn left_judged(&self) -> f64 {
+        let [from, to] = MISSES_A_LOG;
+        let share = ((self.of_worst - from) / (to - from)).clamp(0.0, 1.0);
+        let left = self.left.max(self.floor);
+        if share == 0.0 || self.of_worst <= left {
+            return self.left;
+        }
+        left.powf(1.0 - share) * self.of_worst.powf(share)
+    }
+
     /// Logarithm of the unnormalised probability.
     pub fn score(&self) -> f64 {
-        let left = self.left.hypot(self.floor).min(1.5);
+        let left = self.left_judged().hypot(self.floor).min(1.5);
         let second = SECOND * self.ids.len().saturating_sub(1) as f64;
         -SHARPNESS * left.ln()
             - (PRIOR_WEIGHT * self.prior_cost).min(PRIOR_MOST)
@@ -56,4 +74,21 @@ pub fn probabilities(scores: &[f64]) -> Vec<f64> {
     let weights: Vec<f64> = scores.iter().map(|s| (s - most).exp()).collect();
     let sum: f64 = weights.iter().sum();
     weights.into_iter().map(|w| w / sum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_that_is_missed_counts_by_itself_and_there_is_no_cliff() {
+        let judged = |left, of_worst| {
+            Judged { ids: vec!["creep"], left, of_worst, floor: 0.01, prior_cost: 0.0, parameters: 1 }.left_judged()
+        };
+        assert_eq!((judged(0.1, 0.4), judged(0.1, 0.6), judged(0.7, 0.6)), (0.1, 0.6, 0.7));
+        let half_way = judged(0.1, 0.5);
+        assert!((half_way - (0.1f64 * 0.5).sqrt()).abs() < 1e-12, "{half_way}");
+        // What is at the noise is judged by no less than these logs resolve.
+        assert!(judged(0.0, 0.5) > 0.05);
+    }
 }

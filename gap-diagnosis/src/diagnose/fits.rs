@@ -27,7 +27,7 @@ const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
-/// A form of fewer numbers goes first if it promised this share of the best one's gain.
+/// A form of fewer numbers goes first if it promised this share of the best one's gain: the score hardly tells such forms apart.
 const NO_LESS: f64 = 0.98;
 /// A fit that takes less than this share of what the screening promised to take of the gap is tried from elsewhere, ..
 const MUCH_LESS: f64 = 0.5;
@@ -290,9 +290,10 @@ impl Fits<'_> {
         let (least, most) = found.map_or((0.0, f64::INFINITY), |found| (found.least_gain, found.most_cost));
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead, most);
-        let others = others(lead.effect.id(), lead.form.name, leads, lead.gain);
-        for other in others.filter(|other| other.gain > least) {
-            if self.left(&fit) < WELL || fit.chi < AT_NOISE || lead.share < LITTLE {
+        let promising = others(lead.effect.id(), lead.form.name, leads, lead.gain)
+            .filter(|other| other.gain > least && lead.share >= LITTLE);
+        for other in promising.chain(self.plainest(lead, leads)) {
+            if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
             fit = better(fit, self.fit_of(other, most));
@@ -300,15 +301,25 @@ impl Fits<'_> {
         fit
     }
 
-    /// The form of `lead`'s effect with the fewest numbers of those that promise as much; what belongs to each log counts for each.
+    /// The form of `lead`'s effect with the fewest numbers of those that promise as much.
     fn simplest<'l>(&self, lead: &'l Lead, leads: &'l [Lead]) -> &'l Lead {
-        let scales = self.search.bench.scales();
-        let logs = self.search.bench.records.len();
-        let numbers = |lead: &Lead| -> usize {
-            (lead.form.parameters)(&scales).iter().map(|parameter| if parameter.per_log { logs } else { 1 }).sum()
-        };
         let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id() && l.gain > NO_LESS * lead.gain);
-        same.min_by_key(|lead| numbers(lead)).unwrap_or(lead)
+        same.min_by_key(|lead| self.numbers(lead)).unwrap_or(lead)
+    }
+
+    /// The form of `lead`'s effect with the fewest numbers of all, if it promised anything and is another: where the refit has bent the plant's
+    /// numbers, a form of many imitates what bent them, and the plain one shows from the nominal numbers only.
+    fn plainest<'l>(&self, lead: &Lead, leads: &'l [Lead]) -> Option<&'l Lead> {
+        let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id());
+        let plainest = same.min_by_key(|lead| self.numbers(lead))?;
+        (plainest.share > HOPELESS && self.numbers(plainest) < self.numbers(lead)).then_some(plainest)
+    }
+
+    /// How many numbers a lead's form has; what belongs to each log counts for each.
+    fn numbers(&self, lead: &Lead) -> usize {
+        let logs = self.search.bench.records.len();
+        let parameters = (lead.form.parameters)(&self.search.bench.scales());
+        parameters.iter().map(|parameter| if parameter.per_log { logs } else { 1 }).sum()
     }
 
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
@@ -345,10 +356,14 @@ impl Fits<'_> {
     }
 }
 
-/// Leads of the same effect in other forms, a few of them, that promise as much as the `gain` of its own.
+/// Leads of the same effect in other forms that promise as much as the `gain` of its own: a few of them, and those that no score tells from
+/// the best.
 fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl Iterator<Item = &'l Lead> {
     let same = leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form);
-    same.take(MOST_OTHERS).filter(move |lead| lead.gain > AS_PROMISING * gain)
+    let is_worth = move |(rank, lead): &(usize, &Lead)| {
+        lead.gain > if *rank < MOST_OTHERS { AS_PROMISING } else { NO_LESS } * gain
+    };
+    same.enumerate().filter(is_worth).map(|(_, lead)| lead)
 }
 
 fn better(one: Candidate, other: Candidate) -> Candidate {

@@ -37,10 +37,7 @@ const PAYS_FOR_ALL: f64 = 0.05;
 const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
 const MOSTLY: f64 = 0.35;
-/// An effect that leaves more than this of the gap of any one log is judged by that log: a cause of another kind may have little to say in
-/// most experiments.
-const MISSES_A_LOG: f64 = 0.5;
-/// .. if the log's gap, and what is left of it, are more than these shares of the noise's power.
+/// A log counts by itself if its gap, and what is left of it, are more than these shares of the noise's power.
 const GAP_OF_LOG: f64 = 0.25;
 const LEFT_OF_LOG: f64 = 0.08;
 /// Least fraction of the gap that an effect beside a fit above the noise is taken to leave.
@@ -74,6 +71,7 @@ impl Explanation {
         let judged = Judged {
             ids: candidate.hypothesis.ids(),
             left,
+            of_worst: 0.0,
             floor,
             prior_cost: candidate.found.prior_cost,
             parameters: candidate.hypothesis.parameters(),
@@ -125,7 +123,8 @@ impl Course {
     /// the fraction of the gap that it leaves, as behind any other effect.
     pub fn stays_of(&mut self, whole: f64) {
         let left = ((self.refit.chi - 1.0).max(0.0) / whole.max(1e-12)).sqrt();
-        let judged = Judged { ids: vec!["lost_samples"], left, floor: 0.0, prior_cost: 0.0, parameters: 1 };
+        let judged =
+            Judged { ids: vec!["lost_samples"], left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
         let both = probabilities(&[judged.score().min(100.0), unknown_score()]);
         self.no_gap += both[0] * self.unknown;
         self.unknown *= both[1];
@@ -215,12 +214,12 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // The noise is known to a few per cent: a fit that comes that near is at it.
     let at_noise = AT_NOISE.min(1.0 + MOST_OF_NOISE * excess);
     let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
-    let judged_left = |fit: &Candidate| {
-        let of_worst = left_of_worst(search, fit, &refit);
-        fit.left(&refit, noise).max(if of_worst > MISSES_A_LOG { of_worst } else { 0.0 })
+    let explained = |fit: &Candidate| {
+        let mut explanation = Explanation::by_fit(fit, fit.left(&refit, noise), floor);
+        explanation.judged.of_worst = left_of_worst(search, fit, &refit);
+        explanation
     };
-    let mut explanations: Vec<Explanation> =
-        fits.iter().map(|fit| Explanation::by_fit(fit, judged_left(fit), floor)).collect();
+    let mut explanations: Vec<Explanation> = fits.iter().map(explained).collect();
     let best_share = leads.first().map_or(0.0, |lead| lead.share);
     let scatter_of = |scattered: &Scattered, fit: &Candidate| {
         by_scatter(scattered, fit, floor, without, best_share, !starts.line_hz.is_empty())

@@ -53,6 +53,8 @@ impl Starts {
 
 /// The frequency of a second mode: starts at the peaks after the highest.
 const SECOND_MODE: &str = "second_natural_hz";
+/// The first of modes whose frequencies hang together.
+const FIRST_OF_MANY: &str = "first_natural_hz";
 
 /// A form at a start value, and what it could explain.
 #[derive(Clone)]
@@ -358,6 +360,8 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str])
                         within(line_hz)
                     } else if is_resonance && parameters.iter().any(|other| other.name == SECOND_MODE) {
                         within(resonance_hz.get(..1).unwrap_or_default())
+                    } else if axis.parameter.name == FIRST_OF_MANY {
+                        within(resonance_hz.get(..2).unwrap_or_default())
                     } else if axis.parameter.name == SECOND_MODE {
                         within(resonance_hz.get(1..4).unwrap_or_default())
                     } else if is_resonance && (amplitudes.len() > 1 || is_beside) {

@@ -173,7 +173,7 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
         if is_known || BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
             continue;
         }
-        let (left, their_left) = (top.judged.left, other.judged.left);
+        let (left, their_left) = (top.judged.left_judged(), other.judged.left_judged());
         let floor = top.judged.floor.max(other.judged.floor);
         // What leaves as much is as good, be the form wrong in the same way.
         let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;

@@ -25,8 +25,8 @@ pub struct Drive {
     pub is_truncating: bool,
     /// Gain relative to the nominal amplifier.
     pub gain: f64,
-    /// s in u (1 + s sign(u)): an output stage for each polarity, of a gain of its own.
-    pub gain_skew: f64,
+    /// Voltages at which the gain changes: two of them bound a stretch with a gain of its own, several are any curve.
+    pub hinges: Vec<Hinge>,
     /// c in u (1 + c |u|): a gain that grows with the voltage, in 1/V.
     pub gain_growth_per_v: f64,
     /// c in u (1 + c u), an even nonlinearity in 1/V.
@@ -39,6 +39,8 @@ pub struct Drive {
     pub slew_v_per_s: f64,
     /// Fastest fall of the output in V/s; infinite for none.
     pub slew_down_v_per_s: f64,
+    /// Both limits times this while the output goes back to zero: a load discharges through another path than it is charged.
+    pub discharge_ratio: f64,
     /// Bandwidth of the output.
     pub lag: Option<Lag>,
     /// How a first-order lag grows with the output.
@@ -50,6 +52,15 @@ pub struct Drive {
     /// Probability that a command never arrives and the one before stays. Acts where a controller writes its commands
     /// ([`Arrivals`]), not where a log is replayed: no simulation can predict which ones were lost.
     pub lost_share: f64,
+}
+
+/// change (|u - at| - |at|): the gain is smaller by `change` below `at_v` and larger by it above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hinge {
+    /// Where, in volts of the command.
+    pub at_v: f64,
+    /// Half of the difference between the gains above and below.
+    pub change: f64,
 }
 
 /// Gain 1 + coefficient * theta, with time_constant theta' = heating - theta.
@@ -108,13 +119,14 @@ impl Drive {
         quantum_v: 0.0,
         is_truncating: false,
         gain: 1.0,
-        gain_skew: 0.0,
+        hinges: Vec::new(),
         gain_growth_per_v: 0.0,
         curvature_per_v: 0.0,
         gain_change: 0.0,
         changes_at_v: 0.0,
         slew_v_per_s: f64::INFINITY,
         slew_down_v_per_s: f64::INFINITY,
+        discharge_ratio: 1.0,
         lag: None,
         lag_growth: Growth::NONE,
         warming: None,
@@ -131,8 +143,9 @@ impl Drive {
         } else {
             command_v
         };
-        let magnitude_v = converted_v.abs();
-        let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * magnitude_v) + self.gain_skew * magnitude_v;
+        let turned = |hinge: &Hinge| hinge.change * ((converted_v - hinge.at_v).abs() - hinge.at_v.abs());
+        let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * converted_v.abs())
+            + self.hinges.iter().map(turned).sum::<f64>();
         let bent_v = amplified_v * (1.0 + self.curvature_per_v * amplified_v);
         let wanted_v = self.gain * (bent_v + self.gain_change * (bent_v - self.changes_at_v).max(0.0));
         let within_v =
@@ -162,8 +175,8 @@ pub(super) struct Output {
 
 impl Output {
     pub(super) fn new(drive: &Drive) -> Self {
-        let bends = [drive.gain_skew, drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change];
-        let is_straight = bends.into_iter().all(|bend| bend == 0.0);
+        let bends = [drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change];
+        let is_straight = drive.hinges.is_empty() && bends.into_iter().all(|bend| bend == 0.0);
         let is_clipped = drive.knee_v <= 0.0 && drive.slope_beyond == 0.0;
         Self { drive: drive.clone(), is_gain: is_straight && is_clipped && drive.quantum_v <= 0.0 }
     }

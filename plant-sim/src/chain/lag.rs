@@ -1,5 +1,6 @@
 //! Low-passes in motion: exact responses to straight lines (the drive's side) and to cubics (the sensor's side).
 
+use super::path::Piece;
 use nalgebra::Complex;
 
 /// A linear low-pass with unit gain.
@@ -19,21 +20,23 @@ pub enum Lag {
     },
 }
 
-/// How a first-order lag's time constant grows with what is there, relative to that at zero: T (1 + by_side x + outwards |x|), x in volts
-/// or metres.
+/// How a first-order lag's time constant depends on what is there: T (1 + by_side x + outwards |x|) / (1 + eager |u - x|), where the lag is
+/// at x and goes towards u, in volts or metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth {
     /// More on one side of zero than on the other, 1/V or 1/m.
     pub by_side: f64,
     /// More on both sides, or less if it is negative, 1/V or 1/m.
     pub outwards: f64,
+    /// How much quicker it is for a large error, 1/V or 1/m.
+    pub eager: f64,
 }
 
 impl Growth {
     /// One time constant everywhere.
-    pub const NONE: Growth = Growth { by_side: 0.0, outwards: 0.0 };
+    pub const NONE: Growth = Growth { by_side: 0.0, outwards: 0.0, eager: 0.0 };
 
-    /// Time constant at `x` over that at zero.
+    /// Time constant at `x` over that at zero, for a small error.
     fn slower(self, x: f64) -> f64 {
         (1.0 + self.by_side * x + self.outwards * x.abs()).max(LEAST_LAG)
     }
@@ -41,6 +44,8 @@ impl Growth {
 
 /// Least share that is left of a lag that grows.
 const LEAST_LAG: f64 = 0.05;
+/// Most pieces of an input that moves, for a lag that is quicker for a large error.
+const MOST_PIECES: f64 = 8.0;
 /// A time constant below this acts as none, in seconds; the closed forms divide by it.
 const NEGLIGIBLE_S: f64 = 1e-12;
 /// How far a damping ratio keeps from 1, where the two poles of a second-order lag meet and the closed forms divide by zero. The
@@ -158,12 +163,44 @@ impl LagState {
         if growth == Growth::NONE {
             return self.pass(lag, input, duration_s);
         }
+        if let Some(Lag::First { time_constant_s }) = lag.filter(|_| growth.eager != 0.0) {
+            let time_constant_s = (time_constant_s * growth.slower(self.value)).max(NEGLIGIBLE_S);
+            return self.pass_eager(time_constant_s, growth.eager, input, duration_s);
+        }
         // What is slower by a factor sees everything faster by it.
         let slower = growth.slower(self.value);
         let [a, b, c, d] = input;
         let input = [a, b * slower, c * slower.powi(2), d * slower.powi(3)];
         let Moments { zeroth, first, second } = self.pass(lag, input, duration_s / slower);
         Moments { zeroth: zeroth * slower, first: first * slower.powi(2), second: second * slower.powi(3) }
+    }
+
+    /// The same of a first-order lag that is quicker for a large error: T e' = -e (1 + c |e|) is solved by e = e0 x / (1 + c |e0| (1 - x)),
+    /// x = exp(-t / T). An input that moves counts piece by piece as what it is in the middle.
+    fn pass_eager(&mut self, time_constant_s: f64, eager: f64, input: [f64; 4], duration_s: f64) -> Moments {
+        let is_flat = input[1..].iter().all(|c| *c == 0.0);
+        let pieces = if is_flat { 1.0 } else { (duration_s / time_constant_s).ceil().clamp(1.0, MOST_PIECES) };
+        let piece_s = duration_s / pieces;
+        let mut sum = Moments::default();
+        for piece in 0..pieces as usize {
+            let from_s = piece as f64 * piece_s;
+            let towards = at(input, from_s + 0.5 * piece_s);
+            let error = self.value - towards;
+            let left = |t: f64| {
+                let x = (-t / time_constant_s).exp();
+                error * x / (1.0 + eager * error.abs() * (1.0 - x))
+            };
+            // Nodes where the error still dies out, and behind.
+            let ends = [0.0, 1.0, 4.0, f64::INFINITY].map(|ends: f64| (ends * time_constant_s).min(piece_s));
+            for part in ends.windows(2).filter(|part| part[1] > part[0]) {
+                for (t, weight) in (Piece { from_s: part[0], to_s: part[1] }).nodes() {
+                    sum.add_node(from_s + t, weight, towards + left(t));
+                }
+            }
+            self.value = towards + left(piece_s);
+        }
+        self.slope = 0.0;
+        sum
     }
 
     fn decays(&mut self, poles: [Complex<f64>; 2], duration_s: f64) -> [Decay; 2] {

@@ -28,6 +28,8 @@ pub(super) struct Leak {
     exponent: f64,
     /// Volts by which the edge moves out per m/s.
     wider: f64,
+    /// Share by which the leak grows per m/s.
+    eased: f64,
     /// Volts that the last sub-step left out: the mass did not end quite where it was foreseen, and the engine charges without skew.
     owed_v: f64,
     skewed: f64,
@@ -54,6 +56,7 @@ impl Leak {
                 slope_skew: 0.0,
                 exponent: 1.0,
                 wider: 0.0,
+                eased: 0.0,
                 owed_v: 0.0,
                 skewed: 0.0,
                 inner: if is_coarse { COARSE_INNER } else { [VOLTAGE_ERROR, SHORTEST_S] },
@@ -63,6 +66,7 @@ impl Leak {
                     BendLaw::CapacitanceSkew(skew) => leak.capacitance_skew += skew,
                     BendLaw::SlopeSkew(skew) => leak.slope_skew += skew,
                     BendLaw::Exponent(exponent) => leak.exponent = exponent,
+                    BendLaw::Easing { share, reference_m_per_s } => leak.eased += share / reference_m_per_s,
                     BendLaw::Widening { share, reference_v_per_s } => {
                         leak.wider += share * leak.edge_v * plant.stiffness_n_per_m / (alpha * reference_v_per_s);
                     }
@@ -99,7 +103,9 @@ impl Leak {
 
     /// Largest voltage that motion at `w` sustains, from `v`, if the leak is fast.
     pub(super) fn reach_v(&self, v: f64, w: f64) -> f64 {
-        let slip = self.per_metre * w.abs() / (self.rate_per_s * (1.0 + self.slope_skew * v.signum())).max(1e-9);
+        let eased = 1.0 + self.eased * w.abs();
+        let rate = self.rate_per_s * (1.0 + self.slope_skew * v.signum()) * eased;
+        let slip = self.per_metre * w.abs() / rate.max(1e-9);
         let slip_v =
             if self.exponent == 1.0 { slip } else { self.edge_v * (slip / self.edge_v).powf(1.0 / self.exponent) };
         self.edge_v + self.wider * w.abs() + slip_v
@@ -115,8 +121,9 @@ impl Leak {
         let edge_v = self.edge_v + self.wider * w.abs();
         let excess_v = v.abs() - edge_v;
         let [mut leak, mut by_excess] = [0.0; 2];
+        let eased = 1.0 + self.eased * w.abs();
         if excess_v > 0.0 {
-            let rate = self.rate_per_s * (1.0 + self.slope_skew * v.signum());
+            let rate = self.rate_per_s * (1.0 + self.slope_skew * v.signum()) * eased;
             if self.exponent == 1.0 {
                 (leak, by_excess) = (rate * excess_v, rate);
             } else {
@@ -132,10 +139,7 @@ impl Leak {
         let place = v / self.edge_v;
         let softer = 1.0 + self.capacitance_skew * place.clamp(-1.0, 1.0);
         let bend = if place.abs() < 1.0 { self.capacitance_skew / self.edge_v } else { 0.0 };
-        [
-            softer * current,
-            bend * current - softer * by_excess,
-            softer * acceleration * (self.per_metre + by_excess * sign * self.wider * w.signum()),
-        ]
+        let by_speed = sign * w.signum() * (by_excess * self.wider - leak / eased * self.eased);
+        [softer * current, bend * current - softer * by_excess, softer * acceleration * (self.per_metre + by_speed)]
     }
 }

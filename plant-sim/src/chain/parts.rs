@@ -38,7 +38,9 @@ impl Parts {
     /// Friction that the structure can hold at rest, in newton.
     pub fn holdable_n(&self) -> f64 {
         let held = |force: &Force| match force {
-            Force::Presliding { coulomb_n, .. } | Force::Slider { coulomb_n, .. } => *coulomb_n,
+            Force::Presliding { coulomb_n, .. } | Force::Slider { coulomb_n, .. } | Force::Patch { coulomb_n, .. } => {
+                *coulomb_n
+            }
             _ => 0.0,
         };
         self.forces.iter().map(held).sum()
@@ -74,13 +76,26 @@ pub struct Arm {
     pub damping_ratio: f64,
 }
 
-/// One element of a relaxation spectrum.
+/// One element of a relaxation spectrum: it adds share (r + by_side |r| + growth r |r|), r its relaxed displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Relaxation {
     /// Share of the displacement that it adds in the end.
     pub share: f64,
     /// Time constant in seconds.
     pub time_constant_s: f64,
+    /// How much more it adds on the positive side than on the negative, -1 to 1.
+    pub by_side: f64,
+    /// By how much the share grows with the stroke, 1/m.
+    pub growth_per_m: f64,
+    /// Time constant on the way back to zero over that on the way out.
+    pub slower_back: f64,
+}
+
+impl Relaxation {
+    /// An element that follows its displacement alike everywhere.
+    pub fn even(share: f64, time_constant_s: f64) -> Self {
+        Self { share, time_constant_s, by_side: 0.0, growth_per_m: 0.0, slower_back: 1.0 }
+    }
 }
 
 /// A force on the moving mass, positive against positive displacement or velocity.
@@ -130,6 +145,29 @@ pub enum Force {
         coulomb_n: f64,
         /// Stretch of the spring at which the slider gives way, in metres.
         slip_m: f64,
+    },
+    /// The same slider where only a part of the stroke rubs: within `half_width_m` around `at_m`, its edges a tenth of that and the slip
+    /// wide. Off the part
+    /// it keeps its stretch.
+    Patch {
+        /// Fc in N.
+        coulomb_n: f64,
+        /// Stretch of the spring at which the slider gives way, in metres.
+        slip_m: f64,
+        /// Middle of the part, in metres.
+        at_m: f64,
+        /// Half of its width, in metres.
+        half_width_m: f64,
+    },
+    /// Force that repeats with the displacement, as a magnet's poles make it: a sin x + b (1 - cos x), x = 2 pi q / period; energy
+    /// period / (2 pi) (a (1 - cos x) + b (x - sin x)).
+    Detent {
+        /// Period in metres.
+        period_m: f64,
+        /// a in N.
+        sin_n: f64,
+        /// b in N.
+        cos_n: f64,
     },
     /// Hysteresis of the structure: a Bouc-Wen law in newton, driven by the displacement in metres.
     BoucWen(BoucWen),
@@ -229,4 +267,28 @@ pub enum BendLaw {
         /// Reference in V/s.
         reference_v_per_s: f64,
     },
+    /// The leak is larger by this share at a speed of `reference_m_per_s`, in proportion to the speed: motion eases it.
+    Easing {
+        /// Share.
+        share: f64,
+        /// Reference in m/s.
+        reference_m_per_s: f64,
+    },
+}
+
+/// Width of the edges of a part that rubs, beyond the slip, in half widths.
+const EDGE: f64 = 0.1;
+
+/// How much of a patch of friction is felt at `q`: all within, none beyond its edges.
+pub(super) fn on_patch(q: f64, slip_m: f64, at_m: f64, half_width_m: f64) -> f64 {
+    let edge_m = slip_m + EDGE * half_width_m;
+    (0.5 + (half_width_m - (q - at_m).abs()) / edge_m.max(1e-9)).clamp(0.0, 1.0)
+}
+
+/// A detent's force and energy at `q`.
+pub(super) fn detent(q: f64, period_m: f64, sin_n: f64, cos_n: f64) -> [f64; 2] {
+    let x = std::f64::consts::TAU * q / period_m;
+    let (sin, cos) = x.sin_cos();
+    let per_m = period_m / std::f64::consts::TAU;
+    [sin_n * sin + cos_n * (1.0 - cos), per_m * (sin_n * (1.0 - cos) + cos_n * (x - sin))]
 }

@@ -106,7 +106,7 @@ impl Quadrature {
                 Force::Presliding { presliding_m, .. } => {
                     quadrature.presliding_m = quadrature.presliding_m.min(presliding_m.max(1e-15));
                 }
-                Force::Slider { slip_m, .. } => {
+                Force::Slider { slip_m, .. } | Force::Patch { slip_m, .. } => {
                     quadrature.presliding_m = quadrature.presliding_m.min(slip_m.max(1e-15))
                 }
                 Force::BoucWen(law) => quadrature.presliding_m = quadrature.presliding_m.min(law.length().max(1e-15)),

@@ -4,7 +4,7 @@
 //! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
 //! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
-use super::parts::in_pad;
+use super::parts::{detent, in_pad, on_patch};
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
 use std::f64::consts::TAU;
@@ -22,7 +22,7 @@ pub struct Snapshot {
 
 /// Energy stored in plant and parts, in joule.
 ///
-/// Presliding stores nothing here: Dahl's bristles give back less than they took, and only F q' as a whole is never negative over a cycle.
+/// Presliding and friction on a part of the stroke store nothing here: Dahl's bristles give back less than they took, and only F q' as a whole is never negative over a cycle.
 pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
     let state = &held.plant;
     let (q, w) = (state.displacement_m, state.velocity_m_per_s);
@@ -50,7 +50,8 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
         }
         // z of a slider.
         Force::Slider { coulomb_n, slip_m } => 0.5 * coulomb_n * slip_m * h * h,
-        Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
+        Force::Detent { period_m, sin_n, cos_n } => detent(q, period_m, sin_n, cos_n)[1],
+        Force::Patch { .. } | Force::Presliding { .. } | Force::Smooth { .. } | Force::Power { .. } => 0.0,
         // h h'/A = h q' less what is turned into heat.
         Force::BoucWen(law) => 0.5 * h * h / law.amplitude,
     };
@@ -64,7 +65,7 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
 /// State of a slider that slides, which rounding may have pushed back a little.
 const GIVES_WAY: f64 = 0.999;
 
-/// Power turned into heat in plant and parts, in watt. Never negative, but for presliding, which gives back a part at reversals.
+/// Power turned into heat in plant and parts, in watt. Never negative, but for presliding and a patch's slider, which give back a part at reversals.
 pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
     let state = &held.plant;
     let w = state.velocity_m_per_s;
@@ -84,6 +85,9 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
                 0.0
             }
         }
+        Force::Patch { coulomb_n, slip_m, at_m, half_width_m } => {
+            coulomb_n * on_patch(state.displacement_m, slip_m, at_m, half_width_m) * z * w
+        }
         // Never negative if beta >= |gamma|.
         Force::BoucWen(law) => {
             (law.beta * w.abs() * z.abs() + law.gamma * w * z) * z.abs().powf(law.exponent) / law.amplitude
@@ -96,7 +100,8 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         | Force::Fourth { .. }
         | Force::Fifth { .. }
         | Force::OneSided { .. }
-        | Force::Gradual { .. } => 0.0,
+        | Force::Gradual { .. }
+        | Force::Detent { .. } => 0.0,
         Force::Stop { .. } | Force::Pad { .. } => 0.0,
     };
     let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(friction).sum();
@@ -149,6 +154,9 @@ fn leak_a(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) -> f64 {
         match law {
             BendLaw::SlopeSkew(skew) => slope_s += hysteron.slope_s * skew * v.signum(),
             BendLaw::Exponent(power) => exponent = power,
+            BendLaw::Easing { share, reference_m_per_s } => {
+                slope_s += hysteron.slope_s * share * w.abs() / reference_m_per_s;
+            }
             BendLaw::Widening { share, reference_v_per_s } => {
                 let rate = w.abs() * chain.plant.stiffness_n_per_m / chain.plant.transduction_c_per_m;
                 opens_v += share * edge_v * rate / reference_v_per_s;

@@ -31,10 +31,9 @@ pub(super) struct Readout {
 
 /// An element of the creep.
 struct Creep {
-    /// Share of the displacement that it adds in the end.
-    share: f64,
-    /// Share of the way to the displacement that it goes in a sample.
-    creeps: f64,
+    element: Relaxation,
+    /// Share of the way to the displacement that it goes in a sample, out and back.
+    creeps: [f64; 2],
     /// Where it has relaxed to.
     relaxed_m: f64,
 }
@@ -45,8 +44,8 @@ impl Readout {
         let lag = if lagged { None } else { sensor.lag };
         let of_sample = |time_constant_s: f64| -(-sample_s / time_constant_s).exp_m1();
         let creep = |element: &Relaxation| Creep {
-            share: element.share,
-            creeps: of_sample(element.time_constant_s),
+            element: *element,
+            creeps: [1.0, element.slower_back].map(|slower| of_sample(slower * element.time_constant_s)),
             relaxed_m: 0.0,
         };
         Self {
@@ -121,8 +120,9 @@ impl Readout {
     fn follow(&mut self, displacement_m: f64, velocity_m_per_s: f64) -> f64 {
         let [from_m, from_m_per_s] = self.structure;
         let mean_m = 0.5 * (from_m + displacement_m);
-        for element in &mut self.creep {
-            element.relaxed_m += element.creeps * (mean_m - element.relaxed_m);
+        for Creep { creeps: [out, back], relaxed_m, .. } in &mut self.creep {
+            let apart_m = mean_m - *relaxed_m;
+            *relaxed_m += apart_m * if apart_m * *relaxed_m < 0.0 { *back } else { *out };
         }
         let path = hermite([from_m, from_m_per_s], [displacement_m, velocity_m_per_s], self.sample_s);
         for (arm, follower) in &mut self.arms {
@@ -139,7 +139,10 @@ impl Readout {
 
     fn seen_m(&self) -> f64 {
         let q = self.structure[0];
-        let crept: f64 = self.creep.iter().map(|element| element.share * element.relaxed_m).sum();
+        let crept = |Creep { element, relaxed_m: r, .. }: &Creep| {
+            element.share * (r + r.abs() * (element.by_side + element.growth_per_m * r))
+        };
+        let crept: f64 = self.creep.iter().map(crept).sum();
         let swing = |(arm, follower): &(Arm, LagState)| {
             let rate_m = follower.slope() / (std::f64::consts::TAU * arm.hz);
             arm.share * (follower.value() - q) + arm.rate_share * rate_m

@@ -9,7 +9,7 @@
 
 use super::lag::Moments;
 use super::leak::Leak;
-use super::parts::in_pad;
+use super::parts::{detent, in_pad, on_patch};
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
@@ -119,7 +119,10 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
                 exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
-            Force::Slider { coulomb_n, slip_m } => coulomb_n.abs() / slip_m.max(1e-12),
+            Force::Slider { coulomb_n, slip_m } | Force::Patch { coulomb_n, slip_m, .. } => {
+                coulomb_n.abs() / slip_m.max(1e-12)
+            }
+            Force::Detent { period_m, sin_n, cos_n } => TAU / period_m.abs().max(1e-12) * sin_n.hypot(cos_n),
             Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
             Force::Smooth { .. } | Force::Power { .. } => 0.0,
         })
@@ -199,7 +202,8 @@ impl Laws {
 
     /// Every friction that sticks has been pushed to this `share` of what it can hold.
     pub(super) fn hold(&mut self, share: f64) {
-        let is_presliding = |force: &Force| matches!(force, Force::Presliding { .. } | Force::Slider { .. });
+        let is_presliding =
+            |force: &Force| matches!(force, Force::Presliding { .. } | Force::Slider { .. } | Force::Patch { .. });
         let slid = self.slid.iter_mut().zip(&self.forces);
         slid.filter(|(_, force)| is_presliding(force)).for_each(|(slid, _)| *slid = share);
     }
@@ -459,6 +463,10 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> 
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
             Force::Slider { coulomb_n, slip_m } => coulomb_n * stretched(z, by_m, slip_m),
+            Force::Patch { coulomb_n, slip_m, at_m, half_width_m } => {
+                coulomb_n * on_patch(q, slip_m, at_m, half_width_m) * stretched(z, by_m, slip_m)
+            }
+            Force::Detent { period_m, sin_n, cos_n } => detent(q, period_m, sin_n, cos_n)[0],
             Force::BoucWen(law) => law.after(z, by_m),
             Force::Stop { at_m, stiffness_n_per_m } => {
                 let depth_m = (q - at_m) * at_m.signum();
@@ -478,7 +486,7 @@ fn drag(forces: &[Force], slid: &mut [f64], by_m: f64) {
     for (force, z) in forces.iter().zip(slid) {
         match *force {
             Force::Presliding { presliding_m, .. } => *z = dragged(*z, by_m, presliding_m),
-            Force::Slider { slip_m, .. } => *z = stretched(*z, by_m, slip_m),
+            Force::Slider { slip_m, .. } | Force::Patch { slip_m, .. } => *z = stretched(*z, by_m, slip_m),
             Force::BoucWen(law) => *z = law.after(*z, by_m),
             _ => {}
         }

@@ -138,26 +138,42 @@ impl Waveform {
         if self.output.drive.slew_v_per_s.min(self.output.drive.slew_down_v_per_s) == f64::INFINITY {
             return sum.add(self.pass(from_v, slope, duration_s), at_s);
         }
-        // Ramps towards the line, then follows it if it can.
+        let crossing_s = self.chase([from_v, slope], at_s, duration_s, sum);
+        if crossing_s < duration_s {
+            // Beyond zero another limit may hold.
+            self.chase([from_v + slope * crossing_s, slope], at_s + crossing_s, duration_s - crossing_s, sum);
+        }
+    }
+
+    /// Ramps towards the line `from_v + slope t`, then follows it if it can; until the ramp crosses zero. Returns how long that was.
+    fn chase(&mut self, [from_v, slope]: [f64; 2], at_s: f64, duration_s: f64, sum: &mut Moments) -> f64 {
+        let Drive { slew_v_per_s, slew_down_v_per_s, discharge_ratio, .. } = self.output.drive;
         let apart = from_v - self.slewed_v;
         let rises = apart > 0.0 || apart == 0.0 && slope > 0.0;
-        let most = if rises { self.output.drive.slew_v_per_s } else { self.output.drive.slew_down_v_per_s };
+        let goes_back = if rises { self.slewed_v < 0.0 } else { self.slewed_v > 0.0 };
+        let most = if rises { slew_v_per_s } else { slew_down_v_per_s } * if goes_back { discharge_ratio } else { 1.0 };
         let ramp = if rises { most } else { -most };
         let meeting_s = if apart == 0.0 { 0.0 } else { apart / (ramp - slope) };
-        let chasing_s = if slope.abs() >= most && apart * slope >= 0.0 || meeting_s < 0.0 {
+        let mut chasing_s = if slope.abs() >= most && apart * slope >= 0.0 || meeting_s < 0.0 {
             duration_s
         } else {
             meeting_s.min(duration_s)
         };
+        let crossing_s = if goes_back && discharge_ratio != 1.0 { -self.slewed_v / ramp } else { f64::INFINITY };
+        let ends_s = if crossing_s < chasing_s { crossing_s } else { duration_s };
+        chasing_s = chasing_s.min(ends_s);
         if chasing_s > 0.0 {
             sum.add(self.pass(self.slewed_v, ramp, chasing_s), at_s);
             self.slewed_v += ramp * chasing_s;
         }
-        if duration_s > chasing_s {
+        if ends_s > chasing_s {
             let start_v = from_v + slope * chasing_s;
-            sum.add(self.pass(start_v, slope, duration_s - chasing_s), at_s + chasing_s);
-            self.slewed_v = start_v + slope * (duration_s - chasing_s);
+            sum.add(self.pass(start_v, slope, ends_s - chasing_s), at_s + chasing_s);
+            self.slewed_v = start_v + slope * (ends_s - chasing_s);
+        } else if ends_s < duration_s {
+            self.slewed_v = 0.0;
         }
+        ends_s
     }
 
     fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64) -> Moments {

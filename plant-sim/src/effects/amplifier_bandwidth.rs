@@ -8,8 +8,8 @@ effect!(AmplifierBandwidth, "amplifier_bandwidth", Drive);
 const ABOUT: About = About {
     title: "amplifier bandwidth",
     what: "The drive follows the command as a linear low-pass does, because the amplifier charges a capacitance.",
-    equation: "T v' + v = u, T = R C, or T (1 + c v) or T (1 + c |v|) instead, as a ceramic's capacitance grows; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
-               C: capacitance of the load, c: how it grows, w: natural frequency, z: damping ratio",
+    equation: "T v' + v = u, T = R C, or T (1 + c v), T (1 + c |v|) (as a ceramic's capacitance grows) or T / (1 + e |u - v|) instead; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
+               C: capacitance of the load, c: how it grows, e: how much quicker it is for a large error, w: natural frequency, z: damping ratio",
     source: "PiezoDrive PD200X4 manual (5.6 kHz power bandwidth at 1 uF and 100 V)",
     typical: "corners between 30 Hz and 5 kHz",
     installs: "a lag of the drive",
@@ -49,6 +49,13 @@ pub(super) fn growing(scales: &Scales<'_>, name: &'static str, unit: &'static st
     parameters
 }
 
+/// The parameters of a first-order lag that is quicker for a large error, by about its own rate for one of half a span of `half`.
+pub(super) fn eager(scales: &Scales<'_>, name: &'static str, unit: &'static str, half: f64) -> Vec<Parameter> {
+    let mut parameters = first(scales);
+    parameters.push(Parameter::shape(name, unit, [0.05 / half, 50.0 / half], vec![1.0 / half, 5.0 / half]));
+    parameters
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("first-order", first, |chain, p| add_first(&mut chain.drive.lag, p[0])),
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.drive.lag, p[0], p[1])),
@@ -66,6 +73,14 @@ const FORMS: &[Form] = &[
         |chain, p| {
             add_first(&mut chain.drive.lag, p[0]);
             chain.drive.lag_growth.outwards = p[1];
+        },
+    ),
+    Form::predictable(
+        "eager",
+        |scales| eager(scales, "eagerness_per_v", "1/V", scales.drive_v),
+        |chain, p| {
+            add_first(&mut chain.drive.lag, p[0]);
+            chain.drive.lag_growth.eager = p[1];
         },
     ),
 ];

@@ -1,17 +1,18 @@
 //! Amplifier gain: the drive delivers more or less than the nominal volts.
 
-use super::{About, Form, Parameter};
-use crate::chain::Swing;
+use super::{About, Form, Parameter, Scales};
+use crate::chain::{Chain, Hinge, Swing};
 
 effect!(AmplifierGain, "amplifier_gain", Drive);
 
 const ABOUT: About = About {
     title: "amplifier gain",
     what: "The amplifier delivers a fixed share more or less than it should.",
-    equation: "v = (1 + g) u, v = (1 + s sign(u)) u, v = (1 + c |u|) u, or v = (1 + a \
-               (1 - cos wt) + b sin wt) u with the ripple of a supply; u: command, v: drive, g: relative gain error, \
+    equation: "v = (1 + g) u, v = (1 + s sign(u)) u, v = (1 + c |u|) u, v = u + h w clamp(u/w, -1, 1) (another gain about zero), v = u \
+               + sum s_i (|u - u_i| - |u_i|) (any curve, u_i evenly over the range), or v = (1 + a \
+               cos wt + b sin wt) u with the ripple of a supply, at the mains' frequency and twice that; u: command, v: drive, g: relative gain error, \
                s: half of the difference between the gains of either polarity (two output stages), c: how the gain \
-               grows with the voltage",
+               grows with the voltage, h: excess of the gain within w",
     source: "common form, size assumed",
     typical: "0.5 to 5 %",
     installs: "a factor on the drive",
@@ -24,8 +25,26 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@1Hz+minor-loops:20V@1Hz",
 };
 
-/// Mains and twice the mains.
-const RIPPLES_HZ: [f64; 4] = [50.0, 60.0, 100.0, 120.0];
+/// What a supply ripples with: the mains and twice the mains, as a rectifier makes it.
+fn ripple(_: &Scales<'_>) -> Vec<Parameter> {
+    ["cos_1_share", "sin_1_share", "cos_2_share", "sin_2_share"]
+        .map(|name| Parameter::signed(name, "", 0.3, 0.005).of_each_log())
+        .to_vec()
+}
+
+fn add_ripple(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
+    let swing = |(harmonic, shares): (usize, &[f64])| Swing {
+        hz: mains_hz * (harmonic + 1) as f64,
+        cos_share: shares[0],
+        sin_share: shares[1],
+    };
+    chain.drive.swings.extend(p.chunks_exact(2).enumerate().map(swing));
+    // A swing is one at the log's start; a ripple is one in the mean.
+    chain.drive.gain *= 1.0 - p.iter().step_by(2).sum::<f64>();
+}
+
+/// How the gain changes at places evenly over the range of the commands.
+const KNOTS: [&str; 5] = ["change_1", "change_2", "change_3", "change_4", "change_5"];
 
 const FORMS: &[Form] = &[
     Form::predictable(
@@ -37,7 +56,7 @@ const FORMS: &[Form] = &[
     Form::predictable(
         "by-polarity",
         |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
-        |chain, p| chain.drive.gain_skew += p[0],
+        |chain, p| chain.drive.hinges.push(Hinge { at_v: 0.0, change: p[0] }),
     ),
     Form::predictable(
         "growing",
@@ -47,13 +66,37 @@ const FORMS: &[Form] = &[
         },
         |chain, p| chain.drive.gain_growth_per_v += p[0],
     ),
+    // Both halves of an output stage conduct about zero.
     Form::predictable(
-        "ripple",
-        |_| {
-            let part = |name| Parameter::signed(name, "", 0.3, 0.005).of_each_log();
-            let hz = Parameter::shape("ripple_hz", "Hz", [20.0, 500.0], RIPPLES_HZ.to_vec());
-            vec![part("cos_share"), part("sin_share"), hz]
+        "about-zero",
+        |scales| {
+            let drive_v = scales.drive_v;
+            let starts = [0.05, 0.15, 0.4].map(|share| share * drive_v).to_vec();
+            let half_width = Parameter::shape("half_width_v", "V", [0.01 * drive_v, 0.8 * drive_v], starts);
+            vec![Parameter::signed("excess_gain", "", 0.5, 0.02), half_width]
         },
-        |chain, p| chain.drive.swings.push(Swing { hz: p[2], cos_share: p[0], sin_share: p[1] }),
+        |chain, p| {
+            let hinge = |at_v: f64| Hinge { at_v, change: 0.5 * p[0] * -at_v.signum() };
+            chain.drive.hinges.extend([-p[1], p[1]].map(hinge));
+        },
     ),
+    Form::predictable(
+        "curve",
+        |scales| {
+            let knots = KNOTS.map(|name| Parameter::signed(name, "", 0.3, 0.01));
+            let [low_v, high_v] = scales.command_v;
+            let apart_v = (high_v - low_v) / (KNOTS.len() + 1) as f64;
+            let [least_v, most_v] = [low_v + 0.8 * apart_v, low_v + 1.2 * apart_v];
+            let first = Parameter::place("first_v", "V", [least_v, most_v], vec![low_v + apart_v]);
+            // Beyond the last command a knot would be a gain.
+            let apart = Parameter::shape("apart_v", "V", [0.8 * apart_v, 1.1 * apart_v], vec![apart_v]);
+            [first, apart].into_iter().chain(knots).collect()
+        },
+        |chain, p| {
+            let hinge = |(knot, &change): (usize, &f64)| Hinge { at_v: p[0] + knot as f64 * p[1], change };
+            chain.drive.hinges.extend(p[2..].iter().enumerate().map(hinge));
+        },
+    ),
+    Form::predictable("50 Hz ripple", ripple, |chain, p| add_ripple(chain, 50.0, p)),
+    Form::predictable("60 Hz ripple", ripple, |chain, p| add_ripple(chain, 60.0, p)),
 ];

@@ -9,12 +9,12 @@ const ABOUT: About = About {
     title: "amplifier slew limit",
     what: "The drive can't change faster than a limit: of the amplifier itself, or of its current into the actuator's \
            capacitance.",
-    equation: "-S_down <= v' <= S; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of \
-               the load",
+    equation: "-S_down <= v' <= S, or |v'| <= S away from zero and r S back to it; with a current limit S = I/C; v: drive, S: slew limit, I: largest current, C: capacitance of \
+               the load, r: ratio",
     source: "PiezoDrive PD200 (about 150 V/us) and piezosystem nv200 (set by the user) manuals; current limit 0.5 A \
              into 20 uF = 25 V/ms: Thorlabs BPC notes",
     typical: "0.02 to 150 V/us",
-    installs: "the drive's largest rate, the same in both directions or one for each",
+    installs: "the drive's largest rate, the same in both directions, one for each, or one outwards and one back",
     signature: "steps become ramps of one slope; sines turn into triangles beyond a product of frequency and amplitude",
     rivals: &["amplifier_bandwidth", "amplifier_saturation", "rate_dependent_hysteresis"],
     experiment: "steps of two heights: a slew limit takes a time in proportion to the height, a lag doesn't",
@@ -46,5 +46,13 @@ const FORMS: &[Form] = &[
             vec![slew(scales), Parameter::shape("down_over_up", "", [0.1, 10.0], starts)]
         },
         |chain, p| limit(chain, p[0], p[0] * p[1]),
+    ),
+    Form::predictable(
+        "slew-out-and-back",
+        |scales| vec![slew(scales), Parameter::shape("back_over_out", "", [0.1, 10.0], vec![0.4, 2.5])],
+        |chain, p| {
+            limit(chain, p[0], p[0]);
+            chain.drive.discharge_ratio = p[1];
+        },
     ),
 ];

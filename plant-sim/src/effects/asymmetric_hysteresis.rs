@@ -1,8 +1,8 @@
 //! Asymmetric hysteresis: rising and falling branches differ.
 
-use super::parts::{bend, bend_all, bend_slowest};
+use super::parts::{add_plays, bend, bend_all, bend_slowest, plays};
 use super::{About, Form, Parameter, Scales};
-use crate::chain::BendLaw;
+use crate::chain::{BendLaw, Chain};
 
 effect!(AsymmetricHysteresis, "asymmetric_hysteresis", Actuator);
 
@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
-               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or a dead zone about \
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or a dead zone about \
                m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage \
                of the hysteron, alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: \
                drive, c: curvature, g: change of the gain beyond a, k: stiffness",
@@ -35,17 +35,31 @@ fn off_centre(scales: &Scales<'_>) -> Vec<Parameter> {
     vec![Parameter::signed("shift_m", "m", 0.5 * scales.stroke_m, 0.01 * scales.stroke_m)]
 }
 
+fn curvature(scales: &Scales<'_>) -> Parameter {
+    Parameter::signed("curvature_per_v", "1/V", 0.3 / scales.drive_v, 0.02 / scales.drive_v)
+}
+
+fn lean(chain: &mut Chain, p: &[f64], towards: f64) {
+    add_plays(chain, p, towards * p[2]);
+    chain.drive.curvature_per_v += p[3];
+}
+
+/// A hysteresis of the voltage that is larger under one polarity than under the other; with a skew of nothing it would be an extra hysteron.
+fn leaning(scales: &Scales<'_>) -> Vec<Parameter> {
+    let per_v = 1.0 / scales.drive_v;
+    let skew = Parameter::shape("skew_per_v", "1/V", [0.15 * per_v, 0.95 * per_v], vec![0.4 * per_v]);
+    plays(scales).into_iter().chain([skew, curvature(scales)]).collect()
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("off-centre", off_centre, |chain, p| chain.sensor.offset_m += p[0]),
     Form::predictable("capacitance", skew, |chain, p| bend_all(chain, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-first", skew, |chain, p| bend(chain, 0, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-second", skew, |chain, p| bend(chain, 1, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("slope", skew, |chain, p| bend_slowest(chain, BendLaw::SlopeSkew(p[0]))),
-    Form::predictable(
-        "drive",
-        |scales| vec![Parameter::signed("curvature_per_v", "1/V", 0.3 / scales.drive_v, 0.02 / scales.drive_v)],
-        |chain, p| chain.drive.curvature_per_v += p[0],
-    ),
+    Form::predictable("drive", |scales| vec![curvature(scales)], |chain, p| chain.drive.curvature_per_v += p[0]),
+    Form::predictable("plays-up", leaning, |chain, p| lean(chain, p, 1.0)),
+    Form::predictable("plays-down", leaning, |chain, p| lean(chain, p, -1.0)),
     // The same on the other side of a place is this and a gain.
     Form::predictable(
         "drive-one-sided",

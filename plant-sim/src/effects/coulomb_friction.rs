@@ -9,7 +9,7 @@ const ABOUT: About = About {
     title: "Coulomb friction",
     what: "A guide or a contact rubs: a force of constant size against the motion.",
     equation: "F = Fc z, z' = q' (1 - z sign(q')) / s (presliding, Dahl), or z' = q' / s as long as |z| < 1 (a \
-               slider on a spring), or F = Fc tanh(q' / vs); F: force against \
+               slider on a spring; everywhere, or within w around a place), or F = Fc tanh(q' / vs); F: force against \
                the motion, Fc: its size, z: state of the contact, q': velocity, s: presliding displacement, vs: speed \
                of transition",
     source: "Dahl 1968; slider on a spring: the element of Jenkin, of which Maxwell-slip models are made; size assumed",
@@ -45,6 +45,26 @@ const FORMS: &[Form] = &[
             vec![coulomb(scales), Parameter::shape("slip_m", "m", bounds, starts)]
         },
         |chain, p| chain.parts.forces.push(Force::Slider { coulomb_n: p[0], slip_m: p[1] }),
+    ),
+    Form::predictable(
+        "slider-on-a-part",
+        |scales| {
+            let stroke_m = scales.stroke_m;
+            let bounds = [1e-3 * stroke_m, stroke_m / 10.0];
+            let [low_m, high_m] = scales.displacement_m;
+            let places = [0.2, 0.5, 0.8].map(|share| low_m + share * (high_m - low_m)).to_vec();
+            let widths = [0.2, 0.5].map(|share| share * stroke_m).to_vec();
+            vec![
+                coulomb(scales),
+                Parameter::shape("slip_m", "m", bounds, vec![0.015 * stroke_m]),
+                Parameter::place("at_m", "m", [low_m, high_m], places),
+                Parameter::shape("half_width_m", "m", [0.05 * stroke_m, 1.5 * stroke_m], widths),
+            ]
+        },
+        |chain, p| {
+            let [coulomb_n, slip_m, at_m, half_width_m] = [0, 1, 2, 3].map(|i| p[i]);
+            chain.parts.forces.push(Force::Patch { coulomb_n, slip_m, at_m, half_width_m });
+        },
     ),
     Form::predictable(
         "smooth",

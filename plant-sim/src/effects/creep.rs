@@ -11,7 +11,9 @@ const ABOUT: About = About {
     what: "After a step the displacement goes on for seconds, along the logarithm of time.",
     equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; C_c, R_c: capacitance and \
                resistance of an element, v_c: its voltage, q: displacement, alpha: transduction, tau = R_c C_c. With a \
-               constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade",
+               constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade. Or y = q + sum s_i (r_i + e |r_i| \
+               + c r_i |r_i|), T_i r_i' = q - r_i, T_i from 8 ms to 5 s and larger by a factor on the way back; s_i: shares, e: more on one \
+               side, c: growing with the stroke",
     source: "logarithmic law with g = 0.01 .. 0.02 a decade: PI catalogue (piezo fundamentals, creep); chain of \
              relaxing elements: common form, size assumed",
     typical: "1 to 5 % of the stroke over the first minutes",
@@ -41,6 +43,19 @@ fn longest_s(scales: &Scales<'_>) -> f64 {
 /// A creep element.
 fn add(chain: &mut Chain, ratio: f64, time_constant_s: f64) {
     add_hysteron(chain, ratio, time_constant_s, 0.0);
+}
+
+fn shares() -> [Parameter; 5] {
+    SHARES.map(|name| Parameter::amplitude(name, "", [0.0, 0.5], 0.003))
+}
+
+/// How the whole spectrum deviates from one that follows alike everywhere, and its shares.
+fn beside(deviates: Parameter) -> Vec<Parameter> {
+    std::iter::once(deviates).chain(shares()).collect()
+}
+
+fn spectrum(shares: &[f64]) -> impl Iterator<Item = Relaxation> {
+    shares.iter().zip(SPECTRUM_S).map(|(&share, time_constant_s)| Relaxation::even(share, time_constant_s))
 }
 
 const FORMS: &[Form] = &[
@@ -90,10 +105,31 @@ const FORMS: &[Form] = &[
         "spectrum",
         // Creep beside the structure, q + sum share_i q / (1 + s tau_i), on fixed time constants: logarithm, power law and any chain of
         // Kelvin-Voigt elements are sums of these.
-        |_| SHARES.map(|name| Parameter::amplitude(name, "", [0.0, 0.5], 0.003)).to_vec(),
+        |_| shares().to_vec(),
         |chain, p| {
-            let elements = p.iter().zip(SPECTRUM_S);
-            chain.parts.creep.extend(elements.map(|(&share, time_constant_s)| Relaxation { share, time_constant_s }));
+            chain.parts.creep.extend(spectrum(p));
+        },
+    ),
+    Form::predictable(
+        "spectrum-by-side",
+        |_| beside(Parameter::place("by_side", "", [-0.95, 0.95], vec![-0.5, 0.5])),
+        |chain, p| chain.parts.creep.extend(spectrum(&p[1..]).map(|element| Relaxation { by_side: p[0], ..element })),
+    ),
+    Form::predictable(
+        "spectrum-growing",
+        |scales| {
+            let per_m = 1.0 / scales.stroke_m;
+            beside(Parameter::place("growth_per_m", "1/m", [-0.5 * per_m, 30.0 * per_m], vec![5.0 * per_m]))
+        },
+        |chain, p| {
+            chain.parts.creep.extend(spectrum(&p[1..]).map(|element| Relaxation { growth_per_m: p[0], ..element }));
+        },
+    ),
+    Form::predictable(
+        "spectrum-slower-back",
+        |_| beside(Parameter::shape("back_over_out", "", [0.1, 10.0], vec![2.5])),
+        |chain, p| {
+            chain.parts.creep.extend(spectrum(&p[1..]).map(|element| Relaxation { slower_back: p[0], ..element }));
         },
     ),
 ];

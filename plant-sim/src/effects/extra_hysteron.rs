@@ -1,9 +1,7 @@
 //! Extra hysteron: one more element of hysteresis than the nominal plant has.
 
-use super::parts::add_hysteron;
+use super::parts::{add_hysteron, add_plays, plays};
 use super::{About, Form, Parameter, Scales};
-use crate::chain::DriveHysteresis;
-use crate::operators::{Counts, Law, Play, Plays};
 
 effect!(ExtraHysteron, "extra_hysteron", Actuator);
 
@@ -45,22 +43,23 @@ const FORMS: &[Form] = &[
         }
     }),
     Form::predictable(
-        "plays-of-the-voltage",
+        "quick-and-slow",
         |scales| {
-            let starts = [0.1, 0.3, 0.8].map(|share| share * scales.drive_v).to_vec();
-            let bounds = [0.02 * scales.drive_v, 2.0 * scales.drive_v];
-            vec![Parameter::signed("drive_share", "", 0.5, 0.02), Parameter::shape("reach_v", "V", bounds, starts)]
+            let stroke_m = scales.stroke_m;
+            let ratio = |name| Parameter::amplitude(name, "", [0.0, 1.0], 0.02);
+            let time = |name, start| Parameter::shape(name, "s", [1e-6, 0.1], vec![start]);
+            let starts = [0.15, 0.4].map(|share| share * stroke_m).to_vec();
+            let width = |name| Parameter::shape(name, "m", [0.02 * stroke_m, 4.0 * stroke_m], starts.clone());
+            vec![
+                ratio("quick_stiffness_ratio"),
+                time("quick_time_constant_s", 1e-4),
+                width("quick_dead_zone_m"),
+                ratio("slow_stiffness_ratio"),
+                time("slow_time_constant_s", 1e-2),
+                width("slow_dead_zone_m"),
+            ]
         },
-        |chain, p| {
-            let play =
-                |i: usize| Play { threshold_v: p[1] * i as f64 / PLAYS as f64, weight_per_v: p[0] / PLAYS as f64 };
-            let plays = Plays { plays: (1..=PLAYS).map(play).collect(), counts: Counts::Lags };
-            // A plant has one hysteresis of the voltage; one that has it already keeps it.
-            let force_n = chain.plant.transduction_c_per_m;
-            chain.parts.transducer.get_or_insert(DriveHysteresis { law: Law::Plays(plays), force_n });
-        },
+        |chain, p| p.chunks_exact(3).for_each(|p| add_hysteron(chain, p[0], p[1], p[2])),
     ),
+    Form::predictable("plays-of-the-voltage", plays, |chain, p| add_plays(chain, p, 0.0)),
 ];
-
-/// Elements that share the reach evenly.
-const PLAYS: usize = 5;

@@ -8,8 +8,9 @@ effect!(NonlinearStiffness, "nonlinear_stiffness", Structure);
 const ABOUT: About = About {
     title: "nonlinear stiffness",
     what: "The spring hardens or softens with displacement, alike in both directions.",
-    equation: "F = k q + k3 q^3, energy k q^2/2 + k3 q^4/4; F: force of the spring, q: displacement, k: stiffness, k3: \
-               cubic stiffness (Duffing)",
+    equation: "F = k q + k3 q^3, energy k q^2/2 + k3 q^4/4; or k q + a sin x + b (1 - cos x), x = 2 pi q / p (a detent: magnets, a bistable \
+               flexure); F: force of the spring, q: displacement, k: stiffness, k3: \
+               cubic stiffness (Duffing), a and b: amplitudes, p: period",
     source: "common form, size assumed",
     typical: "k3 q^2 / k = 0.1 to 5 % at full stroke",
     installs: "an elastic force on the mass",
@@ -42,5 +43,16 @@ const FORMS: &[Form] = &[
             add_cubic(chain, p[0]);
             chain.parts.forces.push(Force::Fifth { fifth_n_per_m5: p[1] });
         },
+    ),
+    Form::predictable(
+        "detent",
+        |scales| {
+            let (stroke_m, force_n) = (scales.stroke_m, scales.force_n());
+            let amplitude = |name| Parameter::signed(name, "N", 0.3 * force_n, 5e-3 * force_n);
+            let starts = [0.3, 0.7, 1.5].map(|share| share * stroke_m).to_vec();
+            let period = Parameter::shape("period_m", "m", [0.05 * stroke_m, 3.0 * stroke_m], starts);
+            vec![period, amplitude("sin_n"), amplitude("cos_n")]
+        },
+        |chain, p| chain.parts.forces.push(Force::Detent { period_m: p[0], sin_n: p[1], cos_n: p[2] }),
     ),
 ];

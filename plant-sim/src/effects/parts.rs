@@ -1,7 +1,8 @@
 //! What several entries install: lags, bends, clips and pairs of amplitudes. Each adds to what a chain has.
 
-use super::Parameter;
-use crate::chain::{Bend, BendLaw, Chain, Lag};
+use super::{Parameter, Scales};
+use crate::chain::{Bend, BendLaw, Chain, DriveHysteresis, Lag};
+use crate::operators::{Counts, Law, Play, Plays};
 use crate::phs::{Hysteron, Phs};
 use std::f64::consts::TAU;
 
@@ -52,6 +53,42 @@ pub(super) fn add_hysteron(chain: &mut Chain, ratio: f64, time_constant_s: f64, 
     let capacitance_f = plant.transduction_c_per_m.powi(2) / (plant.stiffness_n_per_m * ratio.max(TINY));
     let dead_zone_v = dead_zone_m * plant.transduction_c_per_m / capacitance_f;
     plant.hysterons.push(Hysteron { capacitance_f, slope_s: capacitance_f / time_constant_s, dead_zone_v });
+}
+
+/// Elements of a hysteresis of the voltage; they share its reach evenly.
+const PLAYS: usize = 5;
+
+/// Share and reach of a hysteresis of the voltage.
+pub(super) fn plays(scales: &Scales<'_>) -> Vec<Parameter> {
+    let starts = [0.1, 0.3, 0.8].map(|share| share * scales.drive_v).to_vec();
+    let bounds = [0.02 * scales.drive_v, 2.0 * scales.drive_v];
+    vec![Parameter::signed("drive_share", "", 0.5, 0.02), Parameter::shape("reach_v", "V", bounds, starts)]
+}
+
+/// A hysteresis of the voltage with these parameters, by `skew_per_v` more under positive voltages.
+pub(super) fn add_plays(chain: &mut Chain, p: &[f64], skew_per_v: f64) {
+    let play = |i: usize| Play { threshold_v: p[1] * i as f64 / PLAYS as f64, weight_per_v: p[0] / PLAYS as f64 };
+    let force_n = chain.plant.transduction_c_per_m;
+    match &mut chain.parts.transducer {
+        // A plant has one hysteresis of the voltage; more of the same kind is in it, with the skew that both have in the mean.
+        Some(DriveHysteresis {
+            law: Law::Plays(Plays { plays, counts: Counts::Lags }),
+            force_n: own_n,
+            skew_per_v: own_skew,
+        }) => {
+            let weight = |plays: &[Play]| plays.iter().map(|play| play.weight_per_v).sum::<f64>();
+            let [before, added] = [weight(plays), p[0] * force_n / *own_n];
+            plays.extend((1..=PLAYS).map(play).map(|p| Play { weight_per_v: p.weight_per_v * force_n / *own_n, ..p }));
+            if skew_per_v != 0.0 || *own_skew != 0.0 {
+                *own_skew = (before * *own_skew + added * skew_per_v) / (before + added);
+            }
+        }
+        Some(_) => {}
+        none => {
+            let law = Law::Plays(Plays { plays: (1..=PLAYS).map(play).collect(), counts: Counts::Lags });
+            *none = Some(DriveHysteresis { law, force_n, skew_per_v });
+        }
+    }
 }
 
 /// Bends hysteron `hysteron`, if the plant has it.

@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "rate-dependent hysteresis",
     what: "The hysteresis loop widens with the rate of the drive, not in proportion as it would with linear damping.",
     equation: "F = Fr |q' / vr|^m sign(q'); or a dead zone d (1 + w |u'| / (1e4 V/s)); or a leak beta d/2 (x / \
-               (d/2))^(1+e). F: force against the motion, q': velocity, vr = 0.05 m/s, m: exponent, d: width of the \
+               (d/2))^(1+e), or beta x (1 + s |q'| / vr). F: force against the motion, q': velocity, vr = 0.05 m/s, m: exponent, d: width of the \
                dead zone, u': rate of the drive, w: widening, beta: slope, x: voltage beyond the dead zone, e: excess \
                of the exponent over one",
     source: "power of the rate, and thresholds r0 + r1 |u'|: rate-dependent Prandtl-Ishlinskii model, doi \
@@ -64,6 +64,16 @@ fn widening(share: f64) -> BendLaw {
     BendLaw::Widening { share, reference_v_per_s: REFERENCE_V_PER_S }
 }
 
+/// Motion that eases a leak: by as much again at the usual speed, and by a hundred times that at the most.
+fn easing_share(scales: &Scales<'_>) -> Vec<Parameter> {
+    let slower = REFERENCE_M_PER_S / scales.speed_m_per_s();
+    vec![Parameter::amplitude("share", "", [0.0, 100.0 * slower], 0.3 * slower)]
+}
+
+fn easing(share: f64) -> BendLaw {
+    BendLaw::Easing { share, reference_m_per_s: REFERENCE_M_PER_S }
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("power", power, |chain, p| {
         let (force_n, reference_m_per_s, exponent) = (p[0], REFERENCE_M_PER_S, p[1]);
@@ -71,6 +81,8 @@ const FORMS: &[Form] = &[
     }),
     Form::predictable("widening", share, |chain, p| bend_all(chain, widening(p[0]))),
     Form::predictable("widening-of-slowest", share, |chain, p| bend_slowest(chain, widening(p[0]))),
+    Form::predictable("eased", easing_share, |chain, p| bend_all(chain, easing(p[0]))),
+    Form::predictable("eased-of-slowest", easing_share, |chain, p| bend_slowest(chain, easing(p[0]))),
     Form::predictable("leak", exponent, |chain, p| {
         let all = with_dead_zone(&chain.plant);
         leak(chain, &all, p);

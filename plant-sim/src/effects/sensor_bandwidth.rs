@@ -1,6 +1,6 @@
 //! Sensor bandwidth: the reading follows the displacement with a lag.
 
-use super::amplifier_bandwidth::{first, growing, second};
+use super::amplifier_bandwidth::{eager, first, growing, second};
 use super::parts::{add_first, add_second};
 use super::{About, Form, Parameter, Scales, spaced};
 use crate::chain::Relaxation;
@@ -10,8 +10,8 @@ effect!(SensorBandwidth, "sensor_bandwidth", Sensor);
 const ABOUT: About = About {
     title: "sensor bandwidth",
     what: "The reading follows the displacement as a linear low-pass does.",
-    equation: "T y' + y = q, or with T (1 + c q) or T (1 + c |q|), y'' + 2 z w y' + w^2 y = w^2 q, or y = (1 - s) q + s x with T x' + x = q; q: displacement, y: \
-               reading, T: time constant, c: how it grows, w: natural frequency, z: damping ratio, s: share that comes late",
+    equation: "T y' + y = q, or with T (1 + c q), T (1 + c |q|) or T / (1 + e |q - y|), y'' + 2 z w y' + w^2 y = w^2 q, or y = (1 - s) q + s x with T x' + x = q; q: displacement, y: \
+               reading, T: time constant, c: how it grows, e: how much quicker it is for a large error, w: natural frequency, z: damping ratio, s: share that comes late",
     source: "table of position sensors in Fleming 2013 (strain gauges 1 to 10 kHz, capacitive to 100 kHz), as quoted \
              by tdehaeze's notes",
     typical: "corners between 1 and 100 kHz",
@@ -29,7 +29,7 @@ const FORMS: &[Form] = &[
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.sensor.lag, p[0], p[1])),
     Form::predictable("slow-tail", tail, |chain, p| {
         let time_constant_s = p[1];
-        chain.parts.creep.push(Relaxation { share: p[0] / (1.0 - p[0]), time_constant_s });
+        chain.parts.creep.push(Relaxation::even(p[0] / (1.0 - p[0]), time_constant_s));
         chain.sensor.gain *= 1.0 - p[0];
     }),
     Form::predictable(
@@ -46,6 +46,14 @@ const FORMS: &[Form] = &[
         |chain, p| {
             add_first(&mut chain.sensor.lag, p[0]);
             chain.sensor.lag_growth.outwards = p[1];
+        },
+    ),
+    Form::predictable(
+        "eager",
+        |scales| eager(scales, "eagerness_per_m", "1/m", scales.stroke_m),
+        |chain, p| {
+            add_first(&mut chain.sensor.lag, p[0]);
+            chain.sensor.lag_growth.eager = p[1];
         },
     ),
 ];

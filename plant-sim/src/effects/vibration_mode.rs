@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "vibration mode",
     what: "Another part of the structure swings at a frequency of its own.",
     equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c \
-               w^2 F / (s^2 + 2 z w s + w^2); arm: y = q + (a (w^2 / N - 1) + b w s / N) q with N that denominator. m, \
+               w^2 F / (s^2 + 2 z w s + w^2); a rod clamped at the mass: three of these at w, 2 w and 3 w with masses 2 m / (pi k)^2; arm: y = q + (a (w^2 / N - 1) + b w s / N) q with N that denominator. m, \
                x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: \
                natural frequency, z: damping ratio, c: static compliance, F: drive force, a: share of the reading on \
                the arm, b: the same of its speed, s: Laplace's variable",
@@ -61,6 +61,20 @@ const FORMS: &[Form] = &[
             vec![Parameter::amplitude("mass_ratio", "", [0.0, 0.5], 0.01), hz, damping_ratio]
         },
         attach,
+    ),
+    // The first three modes of a rod of its own, clamped at the mass: 2 / (pi k)^2 of the rod's mass go with the k-th.
+    Form::predictable(
+        "surge",
+        |scales| {
+            let [hz, damping_ratio] = resonance(scales);
+            let hz = Parameter { name: "first_natural_hz", ..hz };
+            vec![Parameter::amplitude("mass_ratio", "", [0.0, 0.5], 0.05), hz, damping_ratio]
+        },
+        |chain, p| {
+            for k in [1.0, 2.0, 3.0] {
+                attach(chain, &[2.0 * p[0] / (std::f64::consts::PI * k).powi(2), k * p[1], p[2]]);
+            }
+        },
     ),
     Form::predictable(
         "parallel",

@@ -51,6 +51,8 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
         ("presliding 2 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }, [0.1, 0.005]),
         ("presliding 0.3 um", Force::Presliding { coulomb_n: 0.1, presliding_m: 3e-7 }, [0.03, 0.003]),
         ("slider 2 um", Force::Slider { coulomb_n: 0.1, slip_m: 2e-6 }, [7.0, 0.1]),
+        ("on a part", Force::Patch { coulomb_n: 0.1, slip_m: 2e-6, at_m: 5e-6, half_width_m: 3e-5 }, [7.0, 0.1]),
+        ("detent", Force::Detent { period_m: 7e-5, sin_n: 0.05, cos_n: 0.02 }, [0.4, 0.015]),
         ("tanh 1 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 }, [0.8, 0.1]),
         ("tanh 10 mm/s", Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-2 }, [0.3, 0.02]),
         ("power 0.3", power(0.3), [0.2, 0.01]),

@@ -31,6 +31,8 @@ fn stored_plus_dissipated_equals_supplied() {
         ("gradual", with_force(Force::Gradual { stiffness_n_per_m: 3000.0, at_m: 10e-6, width_m: 15e-6 })),
         ("presliding", with_force(Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 })),
         ("slider", with_force(Force::Slider { coulomb_n: 0.1, slip_m: 2e-6 })),
+        ("on a part", with_force(Force::Patch { coulomb_n: 0.1, slip_m: 2e-6, at_m: 5e-6, half_width_m: 3e-5 })),
+        ("detent", with_force(Force::Detent { period_m: 7e-5, sin_n: 0.05, cos_n: 0.02 })),
         ("tanh", with_force(Force::Smooth { coulomb_n: 0.1, speed_m_per_s: 1e-3 })),
         ("power 0.3", with_force(power(0.3))),
         ("power 2", with_force(power(2.0))),
@@ -39,6 +41,7 @@ fn stored_plus_dissipated_equals_supplied() {
         ("slope skew", bend(1, BendLaw::SlopeSkew(0.3))),
         ("exponent 2, fast", bend(0, BendLaw::Exponent(2.0))),
         ("exponent 0.5, slow", bend(1, BendLaw::Exponent(0.5))),
+        ("eased, slow", bend(1, BendLaw::Easing { share: 2.0, reference_m_per_s: 0.05 })),
         ("widening, fast", bend(0, widening)),
         ("widening, slow", bend(1, widening)),
     ];
@@ -48,7 +51,8 @@ fn stored_plus_dissipated_equals_supplied() {
         let step_s = SAMPLE_S / PARTS as f64;
         let mut simulator = Simulator::new(&chain, step_s, 0.0);
         let alpha = chain.plant.transduction_c_per_m;
-        let presliding = chain.parts.forces.iter().any(|force| matches!(force, Force::Presliding { .. }));
+        let presliding =
+            chain.parts.forces.iter().any(|force| matches!(force, Force::Presliding { .. } | Force::Patch { .. }));
         let (mut supplied_j, mut exchanged_j, mut dissipated_j) = (0.0, 0.0, 0.0);
         let mut before = simulator.snapshot();
         let mut before_w = 0.0;

@@ -218,6 +218,16 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                 dx[SLID + i] = if z * w.signum() < 1.0 { w / slip_m } else { 0.0 };
                 coulomb_n * z.clamp(-1.0, 1.0)
             }
+            Force::Patch { coulomb_n, slip_m, at_m, half_width_m } => {
+                let z = x[SLID + i];
+                dx[SLID + i] = if z * w.signum() < 1.0 { w / slip_m } else { 0.0 };
+                let felt = (0.5 + (half_width_m - (q - at_m).abs()) / (slip_m + 0.1 * half_width_m)).clamp(0.0, 1.0);
+                coulomb_n * felt * z.clamp(-1.0, 1.0)
+            }
+            Force::Detent { period_m, sin_n, cos_n } => {
+                let angle = TAU * q / period_m;
+                sin_n * angle.sin() + cos_n * (1.0 - angle.cos())
+            }
             Force::BoucWen(law) => {
                 let h = x[SLID + i];
                 let power = h.abs().powf(law.exponent);
@@ -284,6 +294,7 @@ fn hysteron_slope(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) 
             BendLaw::CapacitanceSkew(skew) => softer += skew * (v / half).clamp(-1.0, 1.0),
             BendLaw::SlopeSkew(skew) => leakier += skew * v.signum(),
             BendLaw::Exponent(p) => exponent = p,
+            BendLaw::Easing { share, reference_m_per_s } => leakier += share * w.abs() / reference_m_per_s,
             BendLaw::Widening { share, reference_v_per_s } => {
                 let rate = w.abs() * plant.stiffness_n_per_m / plant.transduction_c_per_m;
                 edge += half * share * rate / reference_v_per_s;
