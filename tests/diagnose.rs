@@ -172,7 +172,7 @@ fn a_drive_monitor_tells_the_amplifier_from_what_follows() {
 
 #[test]
 fn rows_that_were_lost_hide_no_effect_beside_them() {
-    let mut case = of(EffectId::Creep);
+    let mut case = of(EffectId::SensorNonlinearity);
     for log in &mut case.logs {
         // Every fortieth reading never came, and the one before was written again.
         for k in (40..log.displacement_um.len()).step_by(40) {
@@ -180,11 +180,11 @@ fn rows_that_were_lost_hide_no_effect_beside_them() {
         }
     }
     let folder = Folder::new("diagnose-lost");
-    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines", "hold"])));
+    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
     let found = diagnosis(&folder);
     let mut effects = list(&found["effects"]);
     effects.sort_unstable();
-    assert_eq!(effects, ["creep", "lost_samples"], "{}", found["ranking"]);
+    assert_eq!(effects, ["lost_samples", "sensor_nonlinearity"], "{}", found["ranking"]);
     let share = found["parameters"].as_array().expect("parameters").iter().find(|p| p["effect"] == "lost_samples");
     let share = share.and_then(|p| p["value"].as_f64()).expect("a share");
     assert!((share - 1.0 / 40.0).abs() < 2e-3, "{share}");

@@ -341,23 +341,6 @@ fn mat_bytes() -> Vec<u8> {
     bytes
 }
 
-/// A compressed capture with structures, by another program's code.
-fn capture_bytes(compress: bool) -> Vec<u8> {
-    use matrw::{matfile, matvar};
-    let ramp: Vec<f64> = (0..20).map(f64::from).collect();
-    let y = matvar!([
-        { Name: "u", Data: ramp.clone(), XIndex: 1 },
-        { Name: "y", Data: ramp.clone(), XIndex: 1 },
-    ]);
-    let x = matvar!([{ Data: ramp, Raster: "a" }, { Data: Vec::<f64>::new(), Raster: "b" }]);
-    let path = std::env::temp_dir().join(format!("log_bad_input-{}-capture-{compress}.mat", std::process::id()));
-    let mat = matfile!(cap: matvar!({ X: x, Y: y }));
-    matrw::save_matfile_v7(path.to_str().expect("UTF-8"), mat, compress).expect("saved");
-    let bytes = std::fs::read(&path).expect("there");
-    std::fs::remove_file(&path).expect("removed");
-    bytes
-}
-
 fn read_mat(bytes: &[u8], command: &str, displacement: &str) -> Result<Log, LogError> {
     let mut options = ReadOptions::default();
     options.columns.insert("command".into(), command.into());
@@ -391,8 +374,8 @@ fn mat_files_that_are_no_logs_are_refused() {
 fn no_flipped_byte_and_no_cut_of_a_mat_file_panics() {
     for (bytes, command, displacement) in [
         (mat_bytes(), "command_V", "displacement_um"),
-        (capture_bytes(false), "u", "y"),
-        (capture_bytes(true), "u", "y"),
+        (include_bytes!("data/small-capture.mat").to_vec(), "u", "y"),
+        (include_bytes!("data/small-capture-compressed.mat").to_vec(), "u", "y"),
     ] {
         assert!(read_mat(&bytes, command, displacement).is_ok());
         let mut n_refused = 0;

@@ -15,7 +15,7 @@ pub struct Step {
 }
 
 /// How long the link is fuzzed in this tier.
-pub const FUZZ_SECONDS: u32 = 60;
+pub const FUZZ_SECONDS: u32 = 20;
 
 /// Quick ones first, so that a slip in form is seen before minutes of tests.
 const STEPS: &[Step] = &[

@@ -15,6 +15,7 @@ const TASKS: &[Step] = &[
         what: "1e7 samples of the flash image: none lost, none late, bit for bit the law's",
         run: board,
     },
+    Step { name: "mat-oracle", what: "MAT files against another program's reader and writer", run: mat_oracle },
     Step { name: "formats", what: "logs as Parquet and MDF 4, which a plain build leaves out", run: formats },
     Step { name: "firmware-twice", what: "the flash images built twice, the same bytes", run: firmware::twice },
     Step {
@@ -52,6 +53,18 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Step>> {
         }
     }
     Ok(tasks)
+}
+
+/// In the workspace that builds what nobody else needs: the other program takes a minute to compile.
+fn mat_oracle(project: &Project) -> Result<Outcome> {
+    run_tests(project.cargo().args([
+        "test",
+        "--locked",
+        "--manifest-path",
+        "benches/Cargo.toml",
+        "--test",
+        "mat_oracle",
+    ]))
 }
 
 /// Tests read HYSTERON_LONG to widen what they sweep; proptest reads its own variable.

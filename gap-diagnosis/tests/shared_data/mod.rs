@@ -3,6 +3,7 @@
 
 pub mod bouc_wen;
 
+use plant_sim::log::{self, ReadOptions};
 use std::path::PathBuf;
 
 fn path(name: &str) -> Option<PathBuf> {
@@ -17,7 +18,6 @@ fn path(name: &str) -> Option<PathBuf> {
 /// The only numeric variable of a MAT file of the Bouc-Wen benchmark.
 pub fn bouc_wen_record(name: &str) -> Option<Vec<f64>> {
     let path = path(&format!("boucwen-benchmark/{name}.mat"))?;
-    let file = matrw::load_matfile(path.to_str()?).expect("a MAT file of the benchmark");
     let variable = if name.starts_with("uest") {
         "u"
     } else if name.starts_with("yest") {
@@ -25,7 +25,12 @@ pub fn bouc_wen_record(name: &str) -> Option<Vec<f64>> {
     } else {
         name
     };
-    Some(file[variable].to_vec_f64().expect("a vector of doubles"))
+    // One variable in a file, which is no log: here it stands for both columns.
+    let mut options = ReadOptions { rate_hz: Some(bouc_wen::RATE_HZ), ..ReadOptions::default() };
+    for column in ["command", "displacement"] {
+        options.columns.insert(column.into(), variable.into());
+    }
+    Some(log::read(&path, &options).expect("a MAT file of the benchmark").command_v)
 }
 
 /// A four-dimensional array of the fine steering mirror: [sample][channel][realisation][period], each channel of each realisation
