@@ -33,6 +33,14 @@ fn main() {
                 println!("[{:6.2} s] {what}", begun.elapsed().as_secs_f64());
             }
         });
+        if verbose {
+            for freed in gap_diagnosis::diagnose::symmetry::freed(&search, &found.refit).iter().take(6) {
+                println!(
+                    "    freed {} {:?} along {:.3} cost {:.1} of {:.1}",
+                    freed.effect, freed.quantity, freed.along, freed.cost, freed.cost_without
+                );
+            }
+        }
         println!(
             "{} | rms/noise {:.2} prior {:.0} | {:.1} s {} sims | none {:.3} unknown {:.3}",
             folder.file_name().unwrap_or_default().to_string_lossy(),

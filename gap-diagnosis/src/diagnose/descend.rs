@@ -19,7 +19,7 @@ const FINE: f64 = 2e-5;
 /// The same of a last stage that stays above these mean squares, in units of the noise: it is not what it looks for.
 const MIDDLING: f64 = 2e-4;
 const NOT_NEAR: f64 = 1.15;
-const ROUGH: f64 = 1e-3;
+const ROUGH: f64 = 2e-3;
 const FAR: f64 = 2.0;
 /// Share of its prior's width that a start has before the last stage.
 const HELD: f64 = 0.02;

@@ -1,7 +1,7 @@
 //! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
 
 use super::bench::Bench;
-use super::judge::{AT_NOISE, FREED_BESIDES, Say};
+use super::judge::{AT_NOISE, FREED_BESIDES, NEARLY_ALL, Say};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
@@ -15,8 +15,9 @@ pub(super) const HOPELESS: f64 = 0.1;
 /// Once a fit leaves less than this, only leads are followed that explain as much as its own.
 pub(super) const FOUND: f64 = 0.03;
 const AS_MUCH: f64 = 0.85;
-/// One that soon leaves so many times the squares is no rival of it then.
+/// One that soon leaves so many times the squares is no rival of it then; of a fit that leaves more, so many times.
 const NO_RIVAL: f64 = 2.0;
+const FAR_BEHIND: f64 = 6.0;
 const MOST_FITS: usize = 5;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
@@ -27,8 +28,12 @@ const AS_PROMISING: f64 = 0.6;
 const MOST_OTHERS: usize = 3;
 /// .. but not where the first of them promised less than this: no form of it comes to the noise.
 const LITTLE: f64 = 0.5;
+/// Another form is given up where it soon leaves so many times the squares of the best so far.
+const NOT_BETTER: f64 = 1.5;
 /// A form of fewer numbers goes first if it promised this share of the best one's gain: the score hardly tells such forms apart.
 const NO_LESS: f64 = 0.98;
+/// So many more numbers a form may have that is tried beside one at the noise.
+const FEW_MORE: usize = 2;
 /// A fit that takes less than this share of what the screening promised to take of the gap is tried from elsewhere, ..
 const MUCH_LESS: f64 = 0.5;
 /// .. where that was at least so much of the gap's power.
@@ -72,7 +77,7 @@ pub(super) struct Fits<'a> {
     pub say: Say<'a>,
 }
 
-/// What rivals of a fit that left next to nothing must promise, as gain, and what they may cost soon.
+/// What the rivals of a fit must promise, as gain, and what they may cost soon.
 struct Bar {
     least_gain: f64,
     most_cost: f64,
@@ -127,6 +132,12 @@ impl Fits<'_> {
             pairs.extend(beside.into_iter().filter(|pair| taken(pair) > PAIR_TAKES));
         }
         pairs
+    }
+
+    /// Whether nothing to speak of stays: next to nothing of the gap, or little of it and no more than the noise is known to.
+    fn is_all(&self, fit: &Candidate) -> bool {
+        let left = self.left(fit);
+        left < FOUND || left < NEARLY_ALL && fit.chi < AT_NOISE
     }
 
     fn is_found(&self, fit: &Candidate) -> bool {
@@ -185,16 +196,20 @@ impl Fits<'_> {
         let mut all: Vec<&Lead> = start.iter().chain(&offset).chain(chosen).collect();
         all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let mut fits: Vec<Candidate> = Vec::new();
-        // The first fit that left next to nothing.
-        let mut found: Option<Bar> = None;
+        // What the best fit so far asks of the others.
+        let mut bar = Bar { least_gain: 0.0, most_cost: f64::INFINITY };
+        let mut is_all = false;
         for (number, lead) in all.iter().enumerate() {
-            if found.as_ref().is_some_and(|found| lead.gain < found.least_gain) {
+            if lead.gain < bar.least_gain {
                 continue;
             }
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
-            let fit = self.best_form(lead, leads, found.as_ref());
-            if found.is_none() && self.left(&fit) < FOUND {
-                found = Some(Bar { least_gain: AS_MUCH * lead.gain, most_cost: NO_RIVAL * fit.found.data_cost });
+            let fit = self.best_form(lead, leads, &bar);
+            if !is_all && self.is_all(&fit) {
+                is_all = true;
+                bar = Bar { least_gain: AS_MUCH * lead.gain, most_cost: NO_RIVAL * fit.found.data_cost };
+            } else if !is_all {
+                bar.most_cost = bar.most_cost.min(FAR_BEHIND * fit.found.data_cost);
             }
             fits.push(fit);
         }
@@ -284,10 +299,10 @@ impl Fits<'_> {
         Some(Lead { effect, form, values: Vec::new(), gain: share * excess, share })
     }
 
-    /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than a rival of what was
-    /// `found` must.
-    fn best_form(&self, lead: &Lead, leads: &[Lead], found: Option<&Bar>) -> Candidate {
-        let (least, most) = found.map_or((0.0, f64::INFINITY), |found| (found.least_gain, found.most_cost));
+    /// A wrong form leaves something; the entry's other forms are tried where they promised as much, and no less than the best fit so far asks
+    /// for.
+    fn best_form(&self, lead: &Lead, leads: &[Lead], bar: &Bar) -> Candidate {
+        let (least, most) = (bar.least_gain, bar.most_cost);
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead, most);
         let promising = others(lead.effect.id(), lead.form.name, leads, lead.gain)
@@ -296,7 +311,8 @@ impl Fits<'_> {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
-            fit = better(fit, self.fit_of(other, most));
+            let to_beat = NOT_BETTER * fit.found.data_cost;
+            fit = better(fit, self.fit_of(other, most.min(to_beat)));
         }
         fit
     }
@@ -343,11 +359,11 @@ impl Fits<'_> {
         }
         for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE) {
             let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
-            let Some(gain) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own).map(|l| l.gain) else {
-                continue;
-            };
+            let Some(lead) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own) else { continue };
             let most = NO_RIVAL * fit.found.data_cost;
-            for other in others(own.0, own.1, leads, gain) {
+            // At the noise a form of many more numbers says nothing that one of few does not.
+            let numbers = self.numbers(lead) + FEW_MORE;
+            for other in others(own.0, own.1, leads, lead.gain).filter(|other| self.numbers(other) <= numbers) {
                 *fit = better(fit.clone(), self.fit_of(other, most));
             }
         }

@@ -24,17 +24,15 @@ const LOCAL_MINIMUM: f64 = 400.0;
 const BENT_COST: f64 = 30.0;
 /// A fit that leaves less than this may show the refit a better minimum, and one that leaves less than this is a better one.
 const MUCH_BETTER: f64 = 0.7;
-/// Least chi-square by which a freed symmetry must lower the shifts' cost: three sigma and the look-elsewhere of a dozen directions.
-const FREED_LEAST: f64 = 12.0;
-/// The same beside an effect that was fitted.
+/// Least chi-square by which a freed symmetry must lower the shifts' cost beside an effect that was fitted.
 pub(super) const FREED_BESIDES: f64 = 60.0;
-/// .. and beside one that is at the noise, if the other shifts are ordinary then: six sigma.
+/// The same beside one that is at the noise, if the other shifts are ordinary then: six sigma.
 const FREED_AT_NOISE: f64 = 36.0;
-/// The same beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
+/// .. and beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
 /// less than this of the whole gap.
 const FREED_FIRST: f64 = 300.0;
 const PAYS_FOR_ALL: f64 = 0.05;
-const NEARLY_ALL: f64 = 0.1;
+pub(super) const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
 const MOSTLY: f64 = 0.35;
 /// A log counts by itself if its gap, and what is left of it, are more than these shares of the noise's power.
@@ -200,7 +198,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         let freed = freed(search, &refit);
         // Only the cost of the shifts speaks, and it is a proper chi-square; what the mass is off by is a shift as well.
         let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
-        let explanations = by_symmetry(freed, &refit, 0.0, floor, without, FREED_LEAST);
+        let explanations = by_symmetry(freed, &refit, 0.0, floor, without, 0.0);
         let mut scores: Vec<f64> = explanations.iter().map(|e| -0.5 * e.judged.prior_cost - LOOK_ELSEWHERE).collect();
         let unknown = scores.iter().copied().fold(nothing, f64::max) - NO_UNKNOWN;
         scores.extend([nothing, unknown]);

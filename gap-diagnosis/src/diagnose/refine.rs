@@ -6,9 +6,9 @@
 use super::screen::{Block, Scored};
 
 /// Forms that promise this share of what the best one does are searched, from round to round a larger one; so many at most.
-const SHARE: f64 = 0.3;
+const SHARE: f64 = 0.5;
 const MORE: f64 = 0.1;
-const MOST: usize = 10;
+const MOST: usize = 6;
 /// Rounds of steps to either side of every shape.
 const ROUNDS: usize = 5;
 /// What becomes of a step that helped, and of one that didn't.

@@ -4,11 +4,11 @@
 //! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
 //! costs one simulation for each direction.
 
-use super::bench::{Axis, Bench, Hypothesis, add_priors, pin_idle};
+use super::bench::{Axis, Bench, Hypothesis, Record, add_priors, pin_idle};
 use super::cycles;
 use super::descend::{Found, noise_weights};
 use super::lines::{lines, resonances};
-use super::normal::{Beside, CHUNK, Lockstep, Sensitivities, at};
+use super::normal::{Beside, CHUNK, Lockstep, Sensitivities, Sums, at};
 use super::plants::carry;
 use super::refine::refine;
 use super::search::Remainder;
@@ -23,6 +23,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const MOST: f64 = 30.0;
 /// Least amplitude a fit starts from, in typical sizes: at zero an effect has no gradient for its shape.
 const LEAST: f64 = 0.02;
+
+/// A form with more starts than this is looked at where most shows first; so many of them, or this part of them all, are looked at everywhere,
+/// if they promise this share of what the best one does.
+const FEW_STARTS: usize = 3;
+const NOT_MUCH_LESS: f64 = 0.5;
 
 /// A line with more parameters than this has many harmonics.
 const MANY_HARMONICS: usize = 6;
@@ -121,6 +126,11 @@ impl Block {
         (to != values[i]).then_some(moved)
     }
 
+    /// The effect's identifier and the form's name.
+    fn form(&self) -> (&'static str, &'static str) {
+        (self.effect.id(), self.form.name)
+    }
+
     fn columns(&self) -> usize {
         self.amplitudes.len().max(1)
     }
@@ -146,10 +156,14 @@ pub fn screen(
     without: &[&str],
     simulations: &AtomicUsize,
 ) -> Vec<Lead> {
-    let score = |blocks: Vec<Block>| score(bench, base, found, blocks, simulations);
+    let first = first_look(bench, found);
+    let all: Vec<usize> = (0..bench.records.len()).collect();
+    let score = |blocks: Vec<Block>, logs: &[usize]| score(bench, base, found, blocks, logs, simulations);
     let mut best: BTreeMap<(&str, &str), Scored> = BTreeMap::new();
-    for scored in score(blocks(bench, base, starts, without)).into_iter().flatten() {
-        let form = (scored.block.effect.id(), scored.block.form.name);
+    let blocks = blocks(bench, base, starts, without);
+    let worth = if first.len() < all.len() { worth(blocks, |blocks| score(blocks, &first)) } else { blocks };
+    for scored in score(worth, &all).into_iter().flatten() {
+        let form = scored.block.form();
         if best.get(&form).is_none_or(|known| scored.gain > known.gain) {
             best.insert(form, scored);
         }
@@ -157,7 +171,7 @@ pub fn screen(
     let mut best: Vec<Scored> = best.into_values().collect();
     let promise = |a: &Scored, b: &Scored| b.gain.total_cmp(&a.gain);
     best.sort_by(promise);
-    refine(&mut best, score);
+    refine(&mut best, |blocks| score(blocks, &all));
     best.sort_by(promise);
     let excess = (found.normal.cost(&noise_weights(bench)) - found.normal.rows() as f64).max(1.0);
     let lead = |Scored { block, values, gain, .. }| {
@@ -167,15 +181,58 @@ pub fn screen(
     best.into_iter().map(lead).collect()
 }
 
-/// What each block could explain of what the fit `found` of `base` leaves; nothing of what can't be told from the fit's own numbers.
+/// The logs that show most of what is left in the least time, half of it together: where every start of a form is looked at.
+fn first_look(bench: &Bench<'_>, found: &Found) -> Vec<usize> {
+    let excess = |(record, (sums, weight)): (&Record<'_>, (&Sums, &f64))| {
+        let excess = (weight * sums.squares_m2 - sums.rows as f64).max(0.0);
+        (excess, excess / record.log.len().max(1) as f64)
+    };
+    let weights = noise_weights(bench);
+    let of_logs: Vec<(f64, f64)> =
+        bench.records.iter().zip(found.normal.logs.iter().zip(&weights)).map(excess).collect();
+    let mut order: Vec<usize> = (0..of_logs.len()).collect();
+    order.sort_by(|&a, &b| of_logs[b].1.total_cmp(&of_logs[a].1));
+    let half = 0.5 * of_logs.iter().map(|(excess, _)| excess).sum::<f64>();
+    let mut shown = 0.0;
+    let enough = order.iter().position(|&log| {
+        shown += of_logs[log].0;
+        shown >= half
+    });
+    order.truncate(enough.map_or(order.len(), |last| last + 1));
+    order
+}
+
+/// The blocks without the starts of a form that promise too much less than its best one: of forms with several starts the first few as `score`
+/// ranks them, of the others all.
+fn worth(blocks: Vec<Block>, score: impl Fn(Vec<Block>) -> Vec<Option<Scored>>) -> Vec<Block> {
+    let mut starts: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+    blocks.iter().for_each(|block| *starts.entry(block.form()).or_default() += 1);
+    let (many, mut worth): (Vec<Block>, Vec<Block>) =
+        blocks.into_iter().partition(|block| starts[&block.form()] > FEW_STARTS);
+    let mut scored: Vec<Scored> = score(many).into_iter().flatten().collect();
+    scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let mut taken: BTreeMap<(&str, &str), (usize, f64)> = BTreeMap::new();
+    for Scored { block, gain, .. } in scored {
+        let (count, best) = taken.entry(block.form()).or_insert((0, gain));
+        if *count < FEW_STARTS.max(starts[&block.form()] / FEW_STARTS) && gain >= NOT_MUCH_LESS * *best {
+            *count += 1;
+            worth.push(block);
+        }
+    }
+    worth
+}
+
+/// What each block could explain of what the fit `found` of `base` leaves of `logs`; nothing of what can't be told from the fit's own numbers.
 fn score(
     bench: &Bench<'_>,
     base: &Hypothesis,
     found: &Found,
     blocks: Vec<Block>,
+    logs: &[usize],
     simulations: &AtomicUsize,
 ) -> Vec<Option<Scored>> {
-    let weights = noise_weights(bench);
+    let mut weights = noise_weights(bench);
+    (0..weights.len()).filter(|log| !logs.contains(log)).for_each(|log| weights[log] = 0.0);
     let size = found.z.len();
     let offsets: Vec<usize> = blocks
         .iter()
@@ -192,7 +249,8 @@ fn score(
     let mut crosses = Vec::new();
     let mut own = Vec::new();
     let mut with_residual = Vec::new();
-    for (index, record) in bench.records.iter().enumerate() {
+    for &index in logs {
+        let record = &bench.records[index];
         let places = bench.coordinates_of(base, index);
         let mut nuisance = Lockstep::new(bench, base, &found.z, index, Sensitivities::Thinned);
         let thinned = bench.thinned[index].as_ref().map_or(record.log, |thinned| &thinned.log);
@@ -254,7 +312,7 @@ fn score(
 
     let scored = |(number, (block, at)): (usize, (Block, usize))| {
         let count = block.columns();
-        let logs = bench.records.len();
+        let logs = crosses.len();
         // Columns that belong to a log are columns of their own for every log; the rest are summed over the logs.
         let wide = if block.per_log { count * logs } else { count };
         let mut cross = DMatrix::zeros(size, wide);
