@@ -148,8 +148,10 @@ fn killed_in_the_middle_it_leaves_logs_that_are_read() {
     child.0.wait().expect("ended");
     let stated = rows(&folder.read("run/link.json"));
     let log = folder.read("run/02-drive-2.csv");
-    let kept = log.lines().filter(|line| !line.starts_with(['#', 't'])).count() as u64;
-    assert!(log.ends_with('\n') && kept + 256 >= stated, "{kept} of {stated}");
+    // A kill in the middle of a write leaves a part of a row, which readers leave out.
+    let whole = log.split_inclusive('\n').filter(|line| line.ends_with('\n') && !line.starts_with(['#', 't']));
+    let kept = whole.count() as u64;
+    assert!(kept + 256 >= stated, "{kept} of {stated}");
     for name in ["01-drive-1.csv", "02-drive-2.csv"] {
         let replay = format!("replay --plant {PLANT} @/run/{name} --out @/p.csv --no-page --json");
         succeeded(&run(&folder, &replay));

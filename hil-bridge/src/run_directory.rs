@@ -18,7 +18,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Rows between two hand-overs: 25 KB, less than the writer's buffer, so that no row is cut in two.
+/// Rows between two hand-overs: 25 KB, less than the writer's buffer, so that only a kill in the middle of one cuts a row in two.
 const ROWS: usize = 256;
 const FLUSH: Duration = Duration::from_millis(500);
 pub(crate) const STATE: Duration = Duration::from_secs(1);

@@ -212,6 +212,23 @@ fn csv_of_other_programs_is_tolerated() {
     }
 }
 
+/// What writes a log may be killed in the middle of a write, and the system then keeps a part of it.
+#[test]
+fn a_last_row_that_a_kill_cut_off_is_left_out() {
+    let rows = (0..40).fold(String::new(), |text, k| text + &format!("{:.3},{k},0.5,7\n", 1e-3 * f64::from(k)));
+    let text = format!("time_s,command_V,displacement_um,limited_by\n{rows}");
+    let last = text.trim_end().rfind('\n').expect("rows") + 1;
+    for end in last..text.len() {
+        let log =
+            RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text[..end].to_owned()), &ReadOptions::default())
+                .and_then(RowReader::into_log)
+                .unwrap_or_else(|error| panic!("{:?}: {error}", &text[last..end]));
+        // Whole once its last cell has begun.
+        let is_whole = text[last..end].matches(',').count() == 3 && !text[..end].ends_with(',');
+        assert_eq!(log.len(), if is_whole { 40 } else { 39 }, "{:?}", &text[last..end]);
+    }
+}
+
 #[test]
 fn units_come_from_the_name_and_the_option_goes_before_it() {
     let read = |name: &str, scale: Option<f64>| {

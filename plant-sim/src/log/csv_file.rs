@@ -5,6 +5,8 @@
 //!
 //! Quotes are taken off cells but do not protect a separator inside a row of data: a stray quote would otherwise
 //! swallow the rest of a 2 GB file. In the header they do protect.
+//!
+//! A last row that lacks both cells and its end is what a killed recording leaves of a write: it is left out.
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -115,6 +117,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
             path: path.to_path_buf(),
             rows,
             record: csv::ByteRecord::new(),
+            ahead: csv::ByteRecord::new(),
             fields,
             n_fields: names.len(),
             header_line: line,
@@ -136,6 +139,7 @@ struct CsvRows<R> {
     path: PathBuf,
     rows: csv::Reader<BufReader<Lines<R>>>,
     record: csv::ByteRecord,
+    ahead: csv::ByteRecord,
     fields: Vec<Field>,
     n_fields: usize,
     header_line: u64,
@@ -163,7 +167,16 @@ impl<R: Read + Send> Source for CsvRows<R> {
         let found = self.record.len();
         // One separator too many at the end of every line is common and harmless; a missing cell is not.
         let extra = found.checked_sub(self.n_fields);
-        let trailing = extra == Some(1) && self.record.get(found - 1).is_some_and(|cell| cell.trim_ascii().is_empty());
+        let is_empty = |cell: &[u8]| cell.trim_ascii().is_empty();
+        let trailing = extra == Some(1) && self.record.get(found - 1).is_some_and(is_empty);
+        let is_read = |cell: usize| self.fields.iter().any(|field| field.idx == cell);
+        let is_short = match extra {
+            Some(0) => is_read(found - 1) && self.record.get(found - 1).is_some_and(is_empty),
+            _ => extra.is_none(),
+        };
+        if is_short && self.is_cut_off()? {
+            return Ok(None);
+        }
         if extra != Some(0) && !trailing && self.blank_line.is_none() {
             return Err(LogError::RaggedRow { path: self.path.clone(), line, found, expected: self.n_fields });
         }
@@ -205,6 +218,17 @@ impl<R: Read + Send> Source for CsvRows<R> {
             row.values[field.column.idx()] = value;
         }
         Ok(Some(row))
+    }
+}
+
+impl<R: Read> CsvRows<R> {
+    /// Whether the row just read is the last and lacks its end: what wrote it was killed in the middle, and nothing before it is in doubt.
+    fn is_cut_off(&mut self) -> Result<bool, LogError> {
+        if !self.rows.get_ref().get_ref().lacked_end {
+            return Ok(false);
+        }
+        let is_last = !self.rows.read_byte_record(&mut self.ahead).map_err(|error| from_csv(&self.path, error))?;
+        Ok(is_last)
     }
 }
 
@@ -309,12 +333,24 @@ struct Lines<R> {
     line_bytes: u64,
     after_cr: bool,
     ended: bool,
+    /// The file ended in the middle of a line.
+    lacked_end: bool,
     fault: Option<NotText>,
 }
 
 impl<R: Read> Lines<R> {
     fn new(inner: R) -> Self {
-        Self { inner, raw: Vec::new(), at: 0, offset: 0, line_bytes: 0, after_cr: false, ended: false, fault: None }
+        Self {
+            inner,
+            raw: Vec::new(),
+            at: 0,
+            offset: 0,
+            line_bytes: 0,
+            after_cr: false,
+            ended: false,
+            lacked_end: false,
+            fault: None,
+        }
     }
 
     /// Reads the next piece. At the start of the file it is at least as long as a byte order mark.
@@ -363,6 +399,7 @@ impl<R: Read> Read for Lines<R> {
                     self.ended = true;
                     // The last line may lack its end; the file may also be empty, or end in a line's end.
                     if self.line_bytes > 0 {
+                        self.lacked_end = true;
                         out[0] = b'\n';
                         return Ok(1);
                     }

@@ -62,7 +62,8 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Hands all rows so far to the operating system. Called at least every few hundred rows, no row is ever cut in two on disk.
+    /// Hands all rows so far to the operating system. Called at least every few hundred rows, no row is cut in two on disk, unless
+    /// a kill or a power cut comes in the middle of a call: readers leave such a row out.
     ///
     /// # Errors
     /// [`LogError::Unwritable`]. A live log then ends with the rows handed over before, and is given up.
