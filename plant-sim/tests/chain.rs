@@ -2,8 +2,8 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Hinge, Lag, Parts, Relaxation, Sensor,
-    SensorState, Simulator, Stairs, Swing, Warming,
+    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Hinge, Lag, Late, Parts, Relaxation,
+    Sensor, SensorState, Simulator, Stairs, Swing, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -540,6 +540,26 @@ fn a_lag_that_grows_is_as_slow_as_the_place_says() {
         let (near_m, far_m) = (after(&grown, &twice), after(&grown, &once));
         assert!(near_m < 0.03 * step_m && far_m > 0.15 * step_m, "{near_m:e} {far_m:e} of {step_m:e}");
     }
+}
+
+#[test]
+fn a_share_of_the_drive_that_comes_late_is_that_share_behind_a_lag() {
+    let command_v = || (0..ROWS).map(wave).collect();
+    let mut plain = chain();
+    plain.plant.hysterons.clear();
+    // A linear plant answers a sum by the sum of its answers.
+    let read = |drive: Drive| {
+        let chain = Chain { drive, ..plain.clone() };
+        predict(&chain, &log(command_v(), Hold::Zoh, 1.3 * SAMPLE_S), &Start::relaxed(&chain), ROWS)
+    };
+    let (share, time_constant_s) = (0.2, 2e-3);
+    let late = read(Drive { late: Some(Late { share, time_constant_s }), ..Drive::IDEAL });
+    let prompt = read(Drive::IDEAL);
+    let behind = read(Drive { lag: Some(Lag::First { time_constant_s }), ..Drive::IDEAL });
+    let sum: Vec<f64> = prompt.iter().zip(&behind).map(|(p, b)| p + share * (b - p)).collect();
+    // What a step within a sub-step leaves of its higher moments: see `Waveform`.
+    assert!(distance(&late, &sum) / largest(&prompt) < 1e-5, "{:e}", distance(&late, &sum) / largest(&prompt));
+    assert!(distance(&late, &prompt) / largest(&prompt) > 0.02);
 }
 
 #[test]

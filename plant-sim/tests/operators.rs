@@ -7,7 +7,7 @@ use proptest::prelude::*;
 const REACH_V: f64 = 100.0;
 
 fn plays(counts: Counts) -> Law {
-    let of = |(threshold_v, weight_per_v)| Play { threshold_v, weight_per_v };
+    let of = |(threshold_v, weight_per_v)| Play::upright(threshold_v, weight_per_v);
     Law::Plays(Plays { plays: [(3.0, 0.2), (11.0, 0.5), (27.0, 0.1), (60.0, 0.4)].map(of).into(), counts })
 }
 
@@ -189,6 +189,29 @@ fn loops_of_maxwell_slip_are_masings() {
     let virgin = |v: f64| Walk::new(&law).to(&[v]).h();
     let top = Walk::new(&law).to(&[80.0]);
     assert!((top.h() - top.clone().to(&[0.0]).h() - 2.0 * virgin(40.0)).abs() > 0.01);
+}
+
+#[test]
+fn plays_that_lean_or_bow_add_what_the_voltage_says() {
+    let of = |weights: [f64; 3]| {
+        let [weight_per_v, lean_per_v2, bow_per_v3] = weights;
+        let play = |threshold_v| Play { threshold_v, weight_per_v, lean_per_v2, bow_per_v3 };
+        Law::Plays(Plays { plays: [4.0, 25.0].map(play).into(), counts: Counts::Lags })
+    };
+    let path = [70.0, -20.0, 31.0, 5.0, -64.0, 12.0];
+    let mirrored = path.map(|v| -v);
+    for until in 1..=path.len() {
+        let at = |weights, path: &[f64]| Walk::new(&of(weights)).to(&path[..until]).h();
+        let v = path[until - 1];
+        let upright = at([0.02, 0.0, 0.0], &path);
+        let all = at([0.02, 3e-4, 5e-6], &path);
+        assert!((all - upright * (1.0 + 3e-4 / 0.02 * v + 5e-6 / 0.02 * v * v)).abs() < 1e-12, "{until}");
+        // What leans is the same on the mirrored path, what bows is mirrored.
+        let (lean, bow) = ([0.0, 3e-4, 0.0], [0.0, 0.0, 5e-6]);
+        assert!((at(lean, &path) - at(lean, &mirrored)).abs() < 1e-12, "{until}");
+        assert!((at(bow, &path) + at(bow, &mirrored)).abs() < 1e-12, "{until}");
+        assert!(at(lean, &path).abs() > 1e-3 && at(bow, &path).abs() > 1e-4, "{until}");
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 const STREAM: u64 = 0x6472_6976_6500_0000;
 
 /// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, a gain that changes,
-/// saturation, slew, lag, warming.
+/// saturation, slew, lag and what comes late, warming.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// Lowest and highest output in volts; infinite for none.
@@ -45,6 +45,8 @@ pub struct Drive {
     pub lag: Option<Lag>,
     /// How a first-order lag grows with the output.
     pub lag_growth: Growth,
+    /// A share of the output that comes later than the rest.
+    pub late: Option<Late>,
     /// A gain that changes as the actuator warms.
     pub warming: Option<Warming>,
     /// How that gain wanders besides; their sum.
@@ -52,6 +54,16 @@ pub struct Drive {
     /// Probability that a command never arrives and the one before stays. Acts where a controller writes its commands
     /// ([`Arrivals`]), not where a log is replayed: no simulation can predict which ones were lost.
     pub lost_share: f64,
+}
+
+/// share x beside (1 - share) of the rest, x behind a low-pass of its own: what a divider that is not compensated, or a dielectric that absorbs,
+/// makes of a gain. A negative share is a gain that fades.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Late {
+    /// Share of the output.
+    pub share: f64,
+    /// Time constant of the low-pass in seconds, > 0.
+    pub time_constant_s: f64,
 }
 
 /// change (|u - at| - |at|): the gain is smaller by `change` below `at_v` and larger by it above.
@@ -129,6 +141,7 @@ impl Drive {
         discharge_ratio: 1.0,
         lag: None,
         lag_growth: Growth::NONE,
+        late: None,
         warming: None,
         swings: Vec::new(),
         lost_share: 0.0,
@@ -163,7 +176,7 @@ impl Drive {
 
     /// Whether the output changes between two commands, other than by a delay.
     pub(crate) fn has_memory(&self) -> bool {
-        self.lag.is_some() || self.slew_v_per_s.min(self.slew_down_v_per_s).is_finite()
+        self.lag.is_some() || self.late.is_some() || self.slew_v_per_s.min(self.slew_down_v_per_s).is_finite()
     }
 }
 

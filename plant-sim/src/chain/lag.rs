@@ -263,6 +263,16 @@ impl Moments {
         Self { zeroth: self.zeroth + zeroth, first: self.first + first, second: self.second + second }
     }
 
+    /// These less `share` of them, and that share of the `other`.
+    pub(super) fn mixed(self, other: Moments, share: f64) -> Self {
+        let mix = |own: f64, other: f64| own + share * (other - own);
+        Self {
+            zeroth: mix(self.zeroth, other.zeroth),
+            first: mix(self.first, other.first),
+            second: mix(self.second, other.second),
+        }
+    }
+
     /// Adds the moments of a piece that begins `at_s` after the sum does.
     pub(super) fn add(&mut self, piece: Moments, at_s: f64) {
         self.second += piece.second + at_s * (2.0 * piece.first + at_s * piece.zeroth);

@@ -20,7 +20,7 @@ mod substep;
 mod transducer;
 mod waveform;
 
-pub use drive::{Arrivals, Drive, Heat, Hinge, Warming};
+pub use drive::{Arrivals, Drive, Heat, Hinge, Late, Warming};
 pub use lag::{Growth, Lag};
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
 pub use sensor::{Cycle, Drift, Flaw, Gap, Line, Sensor, SensorState, Settling, Stairs, Swing};

@@ -15,14 +15,12 @@ pub struct DriveHysteresis {
     pub law: Law,
     /// Kh in newton.
     pub force_n: f64,
-    /// s in Kh h (1 + s V): how much more is missing under one polarity than under the other, 1/V.
-    pub skew_per_v: f64,
 }
 
 impl DriveHysteresis {
     /// The force under `drive_v` that was approached from the relaxed state one way.
     pub fn rest_n(&self, drive_v: f64) -> f64 {
-        self.force_n * (1.0 + self.skew_per_v * drive_v) * self.law.rest(drive_v)
+        self.force_n * self.law.rest(drive_v)
     }
 }
 
@@ -81,7 +79,7 @@ impl Transducer {
 
     /// The missing force now.
     pub(super) fn now_n(&self) -> f64 {
-        self.part.force_n * (1.0 + self.part.skew_per_v * self.at_v) * self.h
+        self.part.force_n * self.h
     }
 
     /// When `path`, which goes one way from `from_s` to `to_s`, leaves the stretch on which the operator is smooth; `to_s` at the latest.

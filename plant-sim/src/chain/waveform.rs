@@ -6,7 +6,7 @@
 
 use super::drive::Output;
 use super::lag::{LagState, Moments};
-use super::{Drive, Held};
+use super::{Drive, Held, Lag, Late};
 use std::collections::VecDeque;
 
 /// The drive's state.
@@ -23,6 +23,7 @@ pub(super) struct Waveform {
     age_s: f64,
     slewed_v: f64,
     lag: LagState,
+    late: LagState,
     sample: u64,
 }
 
@@ -38,6 +39,7 @@ impl Waveform {
             age_s: 0.0,
             slewed_v: 0.0,
             lag: LagState::default(),
+            late: LagState::default(),
             sample: 0,
         };
         waveform.rest_on(0.0);
@@ -49,11 +51,13 @@ impl Waveform {
         self.acting = Held::zero_order(drive_v);
         self.slewed_v = self.output.at_v(drive_v);
         self.lag = LagState::at(self.slewed_v);
+        self.late = LagState::at(self.slewed_v);
     }
 
     /// Volts now.
     pub(super) fn now_v(&self) -> f64 {
-        self.lag.value()
+        let share = self.output.drive.late.map_or(0.0, |late| late.share);
+        self.lag.value() + share * (self.late.value() - self.lag.value())
     }
 
     /// Takes the command of the sample that begins.
@@ -177,7 +181,15 @@ impl Waveform {
     }
 
     fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64) -> Moments {
-        let Drive { lag, lag_growth, .. } = self.output.drive;
-        self.lag.pass_grown(lag, lag_growth, [from_v, slope, 0.0, 0.0], duration_s)
+        let Drive { lag, lag_growth, late, .. } = self.output.drive;
+        let input = [from_v, slope, 0.0, 0.0];
+        let rest = self.lag.pass_grown(lag, lag_growth, input, duration_s);
+        match late {
+            Some(Late { share, time_constant_s }) => {
+                let late = self.late.pass(Some(Lag::First { time_constant_s }), input, duration_s);
+                rest.mixed(late, share)
+            }
+            None => rest,
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Amplifier bandwidth: the drive follows the command with a lag.
 
-use super::parts::{add_first, add_second};
+use super::parts::{add_first, add_second, come_late};
+use super::sensor_bandwidth::tail;
 use super::{About, Form, Parameter, Scales, spaced};
 
 effect!(AmplifierBandwidth, "amplifier_bandwidth", Drive);
@@ -8,13 +9,13 @@ effect!(AmplifierBandwidth, "amplifier_bandwidth", Drive);
 const ABOUT: About = About {
     title: "amplifier bandwidth",
     what: "The drive follows the command as a linear low-pass does, because the amplifier charges a capacitance.",
-    equation: "T v' + v = u, T = R C, or T (1 + c v), T (1 + c |v|) (as a ceramic's capacitance grows) or T / (1 + e |u - v|) instead; or v'' + 2 z w v' + w^2 v = w^2 u; u: command, v: drive, R: output resistance, \
-               C: capacitance of the load, c: how it grows, e: how much quicker it is for a large error, w: natural frequency, z: damping ratio",
+    equation: "T v' + v = u, T = R C, or T (1 + c v), T (1 + c |v|) (as a ceramic's capacitance grows) or T / (1 + e |u - v|) instead; or v'' + 2 z w v' + w^2 v = w^2 u, or v = (1 - s) u + s x with T x' + x = u; u: command, v: drive, R: output resistance, \
+               C: capacitance of the load, c: how it grows, e: how much quicker it is for a large error, w: natural frequency, z: damping ratio, s: share that comes late",
     source: "PiezoDrive PD200X4 manual (5.6 kHz power bandwidth at 1 uF and 100 V)",
     typical: "corners between 30 Hz and 5 kHz",
     installs: "a lag of the drive",
     signature: "gain falls and phase lags with frequency, the same at every amplitude",
-    rivals: &["transport_delay", "sensor_bandwidth", "amplifier_slew"],
+    rivals: &["transport_delay", "sensor_bandwidth", "amplifier_slew", "amplifier_gain"],
     experiment: "a multisine to 2 kHz at two amplitudes: a delay leaves the gain alone, a slew limit depends on the \
                  amplitude. From the sensor's lag only a tap of the amplifier's output tells it apart for certain; \
                  stops and dead zones help",
@@ -59,6 +60,7 @@ pub(super) fn eager(scales: &Scales<'_>, name: &'static str, unit: &'static str,
 const FORMS: &[Form] = &[
     Form::predictable("first-order", first, |chain, p| add_first(&mut chain.drive.lag, p[0])),
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.drive.lag, p[0], p[1])),
+    Form::predictable("slow-tail", tail, |chain, p| come_late(chain, p[0], p[1])),
     Form::predictable(
         "growing",
         |scales| growing(scales, "growth_per_v", "1/V", scales.drive_v),

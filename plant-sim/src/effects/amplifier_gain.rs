@@ -1,5 +1,7 @@
 //! Amplifier gain: the drive delivers more or less than the nominal volts.
 
+use super::parts::come_late;
+use super::sensor_bandwidth::tail;
 use super::{About, Form, Parameter, Scales};
 use crate::chain::{Chain, Hinge, Swing};
 
@@ -9,16 +11,16 @@ const ABOUT: About = About {
     title: "amplifier gain",
     what: "The amplifier delivers a fixed share more or less than it should.",
     equation: "v = (1 + g) u, v = (1 + s sign(u)) u, v = (1 + c |u|) u, v = u + h w clamp(u/w, -1, 1) (another gain about zero), v = u \
-               + sum s_i (|u - u_i| - |u_i|) (any curve, u_i evenly over the range), or v = (1 + a \
+               + sum s_i (|u - u_i| - |u_i|) (any curve, u_i evenly over the range), or v = u + s x with T x' + x = u (what is slow has another gain), or v = (1 + a \
                cos wt + b sin wt) u with the ripple of a supply, at the mains' frequency and twice that; u: command, v: drive, g: relative gain error, \
                s: half of the difference between the gains of either polarity (two output stages), c: how the gain \
-               grows with the voltage, h: excess of the gain within w",
+               grows with the voltage, h: excess of the gain within w, s: excess of the gain of what is slow",
     source: "common form, size assumed",
     typical: "0.5 to 5 %",
     installs: "a factor on the drive",
     signature: "a residual in proportion to the displacement, without lag; dead zones seem narrower or wider by the \
                 same factor",
-    rivals: &["sensor_gain", "thermal_gain"],
+    rivals: &["sensor_gain", "thermal_gain", "amplifier_bandwidth", "sensor_bandwidth"],
     experiment: "tap the amplifier's output: command against drive shows its gain and leaves the sensor's. Without a \
                  tap, small and large amplitudes tell a little: a drive gain moves the dead zones, a sensor gain \
                  doesn't",
@@ -97,6 +99,11 @@ const FORMS: &[Form] = &[
             chain.drive.hinges.extend(p[2..].iter().enumerate().map(hinge));
         },
     ),
+    // Resistors divide what is slow and capacitors what is fast; where they don't agree, one of both gains is wrong.
+    Form::predictable("of-slow", tail, |chain, p| {
+        chain.drive.gain *= 1.0 + p[0];
+        come_late(chain, p[0] / (1.0 + p[0]), p[1]);
+    }),
     Form::predictable("50 Hz ripple", ripple, |chain, p| add_ripple(chain, 50.0, p)),
     Form::predictable("60 Hz ripple", ripple, |chain, p| add_ripple(chain, 60.0, p)),
 ];

@@ -1,6 +1,6 @@
 //! Asymmetric hysteresis: rising and falling branches differ.
 
-use super::parts::{add_plays, bend, bend_all, bend_slowest, plays};
+use super::parts::{add_plays, add_spectrum, bend, bend_all, bend_slowest, plays, spectrum};
 use super::{About, Form, Parameter, Scales};
 use crate::chain::{BendLaw, Chain};
 
@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
-               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or a dead zone about \
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or h = sum (s_i + l_i u/R + b_i (u/R)^2) (u - p_i) beside it, plays p_i with thresholds from 0.025 to 1 of the reach R; or a dead zone about \
                m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage \
                of the hysteron, alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: \
                drive, c: curvature, g: change of the gain beyond a, k: stiffness",
@@ -51,6 +51,11 @@ fn leaning(scales: &Scales<'_>) -> Vec<Parameter> {
     plays(scales).into_iter().chain([skew, curvature(scales)]).collect()
 }
 
+/// Loops of the voltage that are any on either side: without their leans they would be an extra hysteron's.
+fn leaning_spectrum(scales: &Scales<'_>) -> Vec<Parameter> {
+    std::iter::once(curvature(scales)).chain(spectrum::<true>(scales)).collect()
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("off-centre", off_centre, |chain, p| chain.sensor.offset_m += p[0]),
     Form::predictable("capacitance", skew, |chain, p| bend_all(chain, BendLaw::CapacitanceSkew(p[0]))),
@@ -60,6 +65,11 @@ const FORMS: &[Form] = &[
     Form::predictable("drive", |scales| vec![curvature(scales)], |chain, p| chain.drive.curvature_per_v += p[0]),
     Form::predictable("plays-up", leaning, |chain, p| lean(chain, p, 1.0)),
     Form::predictable("plays-down", leaning, |chain, p| lean(chain, p, -1.0)),
+    Form::predictable("leaning-spectrum", leaning_spectrum, |chain, p| {
+        let (curvature_per_v, spectrum) = (p[0], &p[1..]);
+        add_spectrum(chain, spectrum);
+        chain.drive.curvature_per_v += curvature_per_v;
+    }),
     // The same on the other side of a place is this and a gain.
     Form::predictable(
         "drive-one-sided",

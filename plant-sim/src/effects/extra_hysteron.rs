@@ -1,6 +1,6 @@
 //! Extra hysteron: one more element of hysteresis than the nominal plant has.
 
-use super::parts::{add_hysteron, add_plays, plays};
+use super::parts::{add_hysteron, add_plays, add_spectrum, plays, spectrum};
 use super::{About, Form, Parameter, Scales};
 
 effect!(ExtraHysteron, "extra_hysteron", Actuator);
@@ -10,7 +10,8 @@ const ABOUT: About = About {
     what: "The hysteresis has one more element, with a dead zone of its own, than the nominal plant.",
     equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
                its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Or h = s sum (V - p_i) / 5 \
-               with plays p_i of the drive V, thresholds evenly up to the reach, that the drive's force alpha V misses; s: share. \
+               with plays p_i of the drive V, thresholds evenly up to the reach, that the drive's force alpha V misses; s: share; or h = sum (s_i + b_i (V/R)^2) (V - p_i) with \
+             thresholds from 0.025 to 1 of the reach R, which is near any relays of the voltage; b: how shares bow. \
                Hysterons are given by r = alpha^2 / (C k), k: stiffness, tau = C / beta, and the fast travel d C / alpha from one end of the \
                dead zone to the other",
     source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements or relays: Prandtl-Ishlinskii \
@@ -62,4 +63,5 @@ const FORMS: &[Form] = &[
         |chain, p| p.chunks_exact(3).for_each(|p| add_hysteron(chain, p[0], p[1], p[2])),
     ),
     Form::predictable("plays-of-the-voltage", plays, |chain, p| add_plays(chain, p, 0.0)),
+    Form::predictable("spectrum-of-plays", spectrum::<false>, add_spectrum),
 ];

@@ -1,7 +1,7 @@
 //! What several entries install: lags, bends, clips and pairs of amplitudes. Each adds to what a chain has.
 
 use super::{Parameter, Scales};
-use crate::chain::{Bend, BendLaw, Chain, DriveHysteresis, Lag};
+use crate::chain::{Bend, BendLaw, Chain, DriveHysteresis, Lag, Late};
 use crate::operators::{Counts, Law, Play, Plays};
 use crate::phs::{Hysteron, Phs};
 use std::f64::consts::TAU;
@@ -40,6 +40,17 @@ fn add(lag: &mut Option<Lag>, next: Lag) {
     });
 }
 
+/// Lets a share of the drive come late; where one does already, both come with the mean of their times.
+pub(super) fn come_late(chain: &mut Chain, share: f64, time_constant_s: f64) {
+    chain.drive.late = Some(match chain.drive.late {
+        Some(Late { share: before, time_constant_s: other_s }) if before + share != 0.0 => {
+            let both = before + share;
+            Late { share: both, time_constant_s: (before * other_s + share * time_constant_s).abs() / both.abs() }
+        }
+        _ => Late { share, time_constant_s },
+    });
+}
+
 /// Narrows an output range; the upper limit wins where both cross.
 pub(super) fn narrow(range_v: &mut [f64; 2], [low_v, high_v]: [f64; 2]) {
     range_v[1] = range_v[1].min(high_v);
@@ -67,26 +78,57 @@ pub(super) fn plays(scales: &Scales<'_>) -> Vec<Parameter> {
 
 /// A hysteresis of the voltage with these parameters, by `skew_per_v` more under positive voltages.
 pub(super) fn add_plays(chain: &mut Chain, p: &[f64], skew_per_v: f64) {
-    let play = |i: usize| Play { threshold_v: p[1] * i as f64 / PLAYS as f64, weight_per_v: p[0] / PLAYS as f64 };
+    let weight_per_v = p[0] / PLAYS as f64;
+    let play = |i: usize| {
+        let upright = Play::upright(p[1] * i as f64 / PLAYS as f64, weight_per_v);
+        Play { lean_per_v2: skew_per_v * weight_per_v, ..upright }
+    };
+    push_plays(chain, (1..=PLAYS).map(play));
+}
+
+/// Thresholds of a spectrum of plays, in shares of the range: closer where small reversals open them. Two neighbours bow and lean alike.
+const THRESHOLDS: [f64; 6] = [0.025, 0.06, 0.14, 0.3, 0.6, 1.0];
+
+/// Plays at fixed thresholds, each with a weight of its own that may bow with the voltage; with `LEANS`, lean as well.
+pub(super) fn spectrum<const LEANS: bool>(scales: &Scales<'_>) -> Vec<Parameter> {
+    let drive_v = scales.drive_v;
+    let reach = Parameter::shape("reach_v", "V", [0.9 * drive_v, 1.1 * drive_v], vec![drive_v]);
+    let share = |name| Parameter::signed(name, "", 0.5, 0.01);
+    let weights = ["share_1", "share_2", "share_3", "share_4", "share_5", "share_6"].map(share);
+    let bows = ["bow_1", "bow_2", "bow_3"].map(share);
+    let leans = ["lean_1", "lean_2", "lean_3"].map(share).into_iter().filter(|_| LEANS);
+    std::iter::once(reach).chain(weights).chain(bows).chain(leans).collect()
+}
+
+/// Plays with these parameters.
+pub(super) fn add_spectrum(chain: &mut Chain, p: &[f64]) {
+    let (reach_v, weights, bows, leans) = (p[0], &p[1..7], &p[7..10], &p[10..]);
+    let play = |(i, threshold): (usize, f64)| Play {
+        threshold_v: threshold * reach_v,
+        weight_per_v: weights[i],
+        lean_per_v2: leans.get(i / 2).map_or(0.0, |lean| lean / reach_v),
+        bow_per_v3: bows[i / 2] / (reach_v * reach_v),
+    };
+    push_plays(chain, THRESHOLDS.into_iter().enumerate().map(play));
+}
+
+/// A plant has one hysteresis of the voltage; more of the same kind joins it.
+fn push_plays(chain: &mut Chain, more: impl Iterator<Item = Play>) {
     let force_n = chain.plant.transduction_c_per_m;
     match &mut chain.parts.transducer {
-        // A plant has one hysteresis of the voltage; more of the same kind is in it, with the skew that both have in the mean.
-        Some(DriveHysteresis {
-            law: Law::Plays(Plays { plays, counts: Counts::Lags }),
-            force_n: own_n,
-            skew_per_v: own_skew,
-        }) => {
-            let weight = |plays: &[Play]| plays.iter().map(|play| play.weight_per_v).sum::<f64>();
-            let [before, added] = [weight(plays), p[0] * force_n / *own_n];
-            plays.extend((1..=PLAYS).map(play).map(|p| Play { weight_per_v: p.weight_per_v * force_n / *own_n, ..p }));
-            if skew_per_v != 0.0 || *own_skew != 0.0 {
-                *own_skew = (before * *own_skew + added * skew_per_v) / (before + added);
-            }
+        Some(DriveHysteresis { law: Law::Plays(Plays { plays, counts: Counts::Lags }), force_n: own_n }) => {
+            let times = force_n / *own_n;
+            plays.extend(more.map(|Play { threshold_v, weight_per_v, lean_per_v2, bow_per_v3 }| Play {
+                threshold_v,
+                weight_per_v: times * weight_per_v,
+                lean_per_v2: times * lean_per_v2,
+                bow_per_v3: times * bow_per_v3,
+            }));
         }
         Some(_) => {}
         none => {
-            let law = Law::Plays(Plays { plays: (1..=PLAYS).map(play).collect(), counts: Counts::Lags });
-            *none = Some(DriveHysteresis { law, force_n, skew_per_v });
+            let law = Law::Plays(Plays { plays: more.collect(), counts: Counts::Lags });
+            *none = Some(DriveHysteresis { law, force_n });
         }
     }
 }

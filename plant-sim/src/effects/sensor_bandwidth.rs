@@ -3,7 +3,7 @@
 use super::amplifier_bandwidth::{eager, first, growing, second};
 use super::parts::{add_first, add_second};
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::Relaxation;
+use crate::chain::{Chain, Relaxation};
 
 effect!(SensorBandwidth, "sensor_bandwidth", Sensor);
 
@@ -18,7 +18,7 @@ const ABOUT: About = About {
     installs: "a lag of the sensor",
     signature: "gain falls and phase lags with frequency, the same at every amplitude; also after contact and stick, \
                 which a lag of the drive precedes",
-    rivals: &["transport_delay", "amplifier_bandwidth"],
+    rivals: &["transport_delay", "amplifier_bandwidth", "amplifier_gain"],
     experiment: "tap the amplifier's output: what lags between command and tap is the amplifier, the rest the sensor. \
                  A multisine to 2 kHz separates a lag from a delay",
     spec: "multisine:15V@4-2000Hz,periods=4",
@@ -27,11 +27,7 @@ const ABOUT: About = About {
 const FORMS: &[Form] = &[
     Form::predictable("first-order", first, |chain, p| add_first(&mut chain.sensor.lag, p[0])),
     Form::predictable("second-order", second, |chain, p| add_second(&mut chain.sensor.lag, p[0], p[1])),
-    Form::predictable("slow-tail", tail, |chain, p| {
-        let time_constant_s = p[1];
-        chain.parts.creep.push(Relaxation::even(p[0] / (1.0 - p[0]), time_constant_s));
-        chain.sensor.gain *= 1.0 - p[0];
-    }),
+    Form::predictable("slow-tail", tail, |chain, p| come_late(chain, p[0], p[1])),
     Form::predictable(
         "growing",
         |scales| growing(scales, "growth_per_m", "1/m", scales.stroke_m),
@@ -58,8 +54,14 @@ const FORMS: &[Form] = &[
     ),
 ];
 
+/// Lets a share of the reading come late.
+pub(super) fn come_late(chain: &mut Chain, share: f64, time_constant_s: f64) {
+    chain.parts.creep.push(Relaxation::even(share / (1.0 - share), time_constant_s));
+    chain.sensor.gain *= 1.0 - share;
+}
+
 /// A share that comes late, or early if it is negative: what a filter leaves that is neither first nor second order.
-fn tail(_: &Scales<'_>) -> Vec<Parameter> {
+pub(super) fn tail(_: &Scales<'_>) -> Vec<Parameter> {
     vec![
         Parameter::signed("late_share", "", 0.5, 0.05),
         Parameter::shape("time_constant_s", "s", [1e-4, 1e-2], spaced(2e-4, 5e-3, 3)),

@@ -139,7 +139,7 @@ impl HysteresisSection {
     pub fn law(&self, kind: Kind) -> Option<Law> {
         let plays = |counts| {
             let pairs = self.threshold_v.iter().zip(&self.weight_per_v);
-            let plays = pairs.map(|(r, w)| Play { threshold_v: r.value, weight_per_v: w.value }).collect();
+            let plays = pairs.map(|(r, w)| Play::upright(r.value, w.value)).collect();
             Law::Plays(Plays { plays, counts })
         };
         let rate_per_v = or(&self.rate_per_v, 0.0);

@@ -163,8 +163,7 @@ impl Model {
 
     /// What the kind puts in place of hysterons or of the whole structure.
     pub(super) fn kind_parts(&self) -> Parts {
-        let transducer =
-            |force_n| self.hysteresis.law(self.kind).map(|law| DriveHysteresis { law, force_n, skew_per_v: 0.0 });
+        let transducer = |force_n| self.hysteresis.law(self.kind).map(|law| DriveHysteresis { law, force_n });
         match self.kind {
             Kind::Phs => Parts::default(),
             kind if kind.is_actuator_with_operator() => {
