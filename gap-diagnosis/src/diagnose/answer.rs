@@ -187,7 +187,7 @@ pub(super) fn answer(
         .into_iter()
         .collect();
     // What no fit was shown: rows that were lost, and noise beyond what is stated. A fit that leaves much hides noise.
-    let well = explanation.is_some_and(|e| e.judged.left_judged() < WELL);
+    let well = explanation.is_some_and(|e| e.judged.left < WELL);
     let excess2 = course.scattered.excess_m2.max(0.0);
     let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
         verdict == Verdict::NoGap || well || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
@@ -293,7 +293,7 @@ pub(super) fn answer(
             location_after: Some(location_after),
             logs,
             rivals: rivals(course, explanation),
-            named_left: explanation.map(|explanation| explanation.judged.left_judged()),
+            named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
         },
     }
@@ -495,7 +495,7 @@ fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
         rms_over_noise: e.candidate.chi.max(0.0).sqrt(),
         prior_cost: e.judged.prior_cost,
         probability: e.probability,
-        left: e.judged.left_judged(),
+        left: e.judged.left,
     };
     others.map(rival).collect()
 }

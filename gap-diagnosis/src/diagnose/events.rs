@@ -30,8 +30,11 @@ const TO_SIGMA: f64 = 1.4826;
 /// so many sigma of it more or less. What sticks stays where steps are small.
 const RANK_WITHIN: f64 = 0.12;
 const RANK_SIGMAS: f64 = 3.0;
-/// Fewer stretches than this are chance.
+/// Fewer stretches than this are chance, ..
 const LEAST: usize = 4;
+/// .. unless these are as many, all at one, and leave no more than this share of the power.
+const FEW: usize = 2;
+const FEW_LEAVE: f64 = 0.1;
 /// Of the stretches, this share must have between these parts of their height ..
 const CROWDED: f64 = 0.7;
 const AT_ONE: [f64; 2] = [0.75, 1.25];
@@ -171,7 +174,8 @@ fn judged(lost: Lost, walks: Vec<Walked>) -> Option<Losses> {
         taken_m2 += walk.taken_m2;
         power_m2 = [power_m2[0] + walk.power_m2[0], power_m2[1] + walk.power_m2[1]];
     }
-    let is_found = shares.len() >= LEAST
+    let are_few_enough = shares.len() >= FEW && crowded == shares.len() && power_m2[1] <= FEW_LEAVE * power_m2[0];
+    let is_found = (shares.len() >= LEAST || are_few_enough)
         && crowded as f64 >= CROWDED * shares.len() as f64
         && shares.len() as f64 <= MOST_SHARE * visible as f64
         && power_m2[1] <= LEAVES * power_m2[0];

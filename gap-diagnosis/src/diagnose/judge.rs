@@ -1,7 +1,7 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
 use super::bench::Freedom;
-use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities, unknown_score};
+use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
 use super::records::ROUGH;
@@ -31,6 +31,8 @@ const FREED_AT_NOISE: f64 = 36.0;
 /// .. and beside a gap that stays: ten sigma of several numbers, of which the freed direction leaves this share, where the refit leaves
 /// less than this of the whole gap.
 const FREED_FIRST: f64 = 300.0;
+/// .. and where next to nothing stays: five sigma, if the other shifts are ordinary then.
+const FREED_OF_ALL: f64 = 25.0;
 const PAYS_FOR_ALL: f64 = 0.05;
 pub(super) const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
@@ -44,9 +46,9 @@ const BENT: f64 = 0.02;
 pub(super) const AT_NOISE: f64 = 1.06;
 /// .. but not where that takes less than the rest of the gap's power away.
 const MOST_OF_NOISE: f64 = 0.3;
-/// What freeing one of a dozen directions must earn beyond its cost, and how much less likely an unknown effect is that leaves no gap.
-const LOOK_ELSEWHERE: f64 = 6.0;
-const NO_UNKNOWN: f64 = 5.0;
+/// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
+const LOOK_ELSEWHERE: f64 = 7.0;
+const NO_UNKNOWN: f64 = 0.007;
 
 /// One explanation of the gap, fitted and judged.
 #[derive(Clone)]
@@ -77,6 +79,11 @@ impl Explanation {
         Self { judged, probability: 0.0, candidate: candidate.clone(), freed: None, scatter: None }
     }
 
+    /// Chi-square that speaks against it beforehand.
+    fn rarer(&self) -> f64 {
+        self.freed.as_ref().map_or(0.0, |freed| freed.rarer)
+    }
+
     /// The same with `id` beside it, which no simulation shows.
     fn and(mut self, id: &'static str) -> Self {
         self.judged.ids.push(id);
@@ -88,7 +95,7 @@ impl Explanation {
     fn along(self, freed: &Freed, rest: f64) -> Self {
         let mut explanation = self.and(freed.effect);
         explanation.judged.left *= rest;
-        explanation.judged.prior_cost = freed.cost.max(0.0);
+        explanation.judged.prior_cost = freed.cost;
         Self { freed: Some(freed.clone()), ..explanation }
     }
 }
@@ -123,9 +130,9 @@ impl Course {
         let left = ((self.refit.chi - 1.0).max(0.0) / whole.max(1e-12)).sqrt();
         let judged =
             Judged { ids: vec!["lost_samples"], left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
-        let both = probabilities(&[judged.score().min(100.0), unknown_score()]);
-        self.no_gap += both[0] * self.unknown;
-        self.unknown *= both[1];
+        let doubt = judged.doubt();
+        self.no_gap += (1.0 - doubt) * self.unknown;
+        self.unknown *= doubt;
     }
 
     fn new(refit: Candidate, explanations: Vec<Explanation>, scattered: Scattered) -> Self {
@@ -199,10 +206,11 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         // Only the cost of the shifts speaks, and it is a proper chi-square; what the mass is off by is a shift as well.
         let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
         let explanations = by_symmetry(freed, &refit, 0.0, floor, without, 0.0);
-        let mut scores: Vec<f64> = explanations.iter().map(|e| -0.5 * e.judged.prior_cost - LOOK_ELSEWHERE).collect();
-        let unknown = scores.iter().copied().fold(nothing, f64::max) - NO_UNKNOWN;
-        scores.extend([nothing, unknown]);
-        return judged(Course::new(refit, explanations, scattered), &scores);
+        let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE;
+        let mut scores: Vec<f64> = explanations.iter().map(score).collect();
+        scores.push(nothing);
+        let doubts = vec![NO_UNKNOWN; scores.len()];
+        return judged(Course::new(refit, explanations, scattered), &scores, &doubts);
     }
     let starts = Starts::of(bench, &remainders);
     say("screening the registry", 0.15);
@@ -231,6 +239,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         let beside = self::scattered(bench, &search.play(best), false);
         let both = scatter_of(&beside, best).into_iter().map(|mut explanation| {
             explanation.judged.left *= left;
+            // Scatter explains no log that the fit beside it misses.
+            explanation.judged.of_worst = left_of_worst(search, best, &refit);
             explanation
         });
         explanations.extend(both);
@@ -240,11 +250,17 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let whole = search.unfitted(&refit.hypothesis) - 1.0;
     let rest = (excess / whole.max(excess)).sqrt();
     // Where next to nothing is left, what a direction pays for need not be as much.
-    let least = if rest < BENT { FREED_BESIDES } else { FREED_FIRST };
+    let is_nothing = rest < BENT;
+    let least = if is_nothing { FREED_OF_ALL } else { FREED_FIRST };
     let mut paying = Vec::new();
-    if rest < NEARLY_ALL && refit.found.prior_cost > FREED_BESIDES {
+    if rest < NEARLY_ALL && refit.found.prior_cost > least.min(FREED_BESIDES) {
         paying = freed(search, &refit);
-        paying.retain(|freed| freed.cost < PAYS_FOR_ALL * freed.cost_without && !without.contains(&freed.effect));
+        let pays_for_all = |freed: &Freed| {
+            let is_ordinary = is_nothing && freed.cost < BENT_COST;
+            let is_most = freed.cost_without > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
+            is_ordinary || is_most
+        };
+        paying.retain(|freed| pays_for_all(freed) && !without.contains(&freed.effect));
     }
     if let Some(first) = paying.first() {
         // Scatter bends no number: beside it a direction need not pay more than beside a fit.
@@ -271,11 +287,13 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         }
     }
     explanations.extend(by_symmetry(paying, &refit, rest, floor, without, least));
-    let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score()).collect();
+    let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score() - 0.5 * e.rarer()).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score() - SHARPNESS * gap_over_least(&refit).ln();
-    scores.extend([nothing, unknown_score()]);
-    judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores)
+    scores.push(nothing);
+    let whole_gap = Explanation::by_fit(&refit, 1.0, floor);
+    let doubts: Vec<f64> = explanations.iter().chain([&whole_gap]).map(|e| e.judged.doubt()).collect();
+    judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores, &doubts)
 }
 
 /// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of
@@ -296,10 +314,11 @@ fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate) -> f64
     left2.fold(0.0, f64::max).sqrt()
 }
 
-/// The course with probabilities from scores: one for each explanation, then `no_gap` and `unknown`.
-fn judged(mut course: Course, scores: &[f64]) -> Course {
-    let mut probabilities = probabilities(scores);
-    course.unknown = probabilities.pop().unwrap_or_default();
+/// The course with probabilities from scores, one for each explanation and then for `no_gap`, and from what of each belongs to `unknown`.
+fn judged(mut course: Course, scores: &[f64], doubts: &[f64]) -> Course {
+    let among = probabilities(scores);
+    let mut probabilities: Vec<f64> = among.iter().zip(doubts).map(|(p, doubt)| p * (1.0 - doubt)).collect();
+    course.unknown = among.iter().zip(doubts).map(|(p, doubt)| p * doubt).sum();
     course.no_gap = probabilities.pop().unwrap_or_default();
     for (explanation, probability) in course.explanations.iter_mut().zip(probabilities) {
         explanation.probability = probability;
@@ -331,7 +350,7 @@ fn by_scatter(
         // A line through bins misses a tenth of the power now and then.
         let left = ((1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.1).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
-        add("sampling_jitter", "white", scattered.jitter_s, left + rival);
+        add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(scattered.returning.sqrt()));
     }
     // Noise neither has lines nor follows anything that the registry's directions follow.
     let even = scattered.unevenness;
@@ -357,7 +376,7 @@ fn by_symmetry(
         .filter(|f| !without.contains(&f.effect) && f.gain() > least)
         .map(|freed| {
             let mut explanation = Explanation::by_fit(fit, left, floor).and(freed.effect);
-            explanation.judged.prior_cost = freed.cost.max(0.0);
+            explanation.judged.prior_cost = freed.cost;
             Explanation { freed: Some(freed), ..explanation }
         })
         .collect()

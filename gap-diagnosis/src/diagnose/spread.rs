@@ -1,7 +1,8 @@
 //! Effects that no simulation predicts, read from how the residual scatters: jitter, noise, repeated readings, a converter's lattice.
 
 use super::bench::Bench;
-use super::search::Remainder;
+use super::search::{Remainder, after_run_in};
+use crate::spectra::repeats;
 
 /// Bins of equal population over the squared velocity, and over the squared displacement.
 const BINS: usize = 24;
@@ -13,6 +14,9 @@ const MOST_NEIGHBOURS: usize = 1_000_000;
 /// Rows over which an error of the instants may wander, and the share of its variance below which it has been forgotten.
 const LAGS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 const FORGOTTEN: f64 = 0.1;
+
+/// Least excess in stretches that repeat themselves, in shares of the noise's power, of which it is asked whether it comes back.
+const TOLD: f64 = 0.1;
 
 /// How much of the excess power each kind of scatter accounts for.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,6 +37,8 @@ pub struct Scattered {
     pub repeated_m2: f64,
     /// Relative spread of the excess power over the stretches of all logs; noise has the same everywhere.
     pub unevenness: f64,
+    /// Share of the excess power that comes back with the command where that repeats itself, which nothing random does; zero where it doesn't.
+    pub returning: f64,
     /// Relative noise per displacement and the power it accounts for: no entry of the registry, but a rival of jitter.
     pub multiplied_m2: f64,
 }
@@ -99,9 +105,30 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
         moving_m2: squares / count - foot,
         repeated_share: repeats.0 as f64 / count,
         repeated_m2: f64::max(repeats.1, 0.0) / count,
+        returning: returning(bench, remainders),
         unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
         multiplied_m2: multiplied.max(0.0) * mean_y2,
     }
+}
+
+/// Share of the excess power that is the same whenever a command repeats itself, over all periods but each stretch's first.
+fn returning(bench: &Bench<'_>, remainders: &[Remainder]) -> f64 {
+    let (mut products, mut excess, mut noise) = (0.0, 0.0, 0.0);
+    for (record, residual_m) in after_run_in(bench, remainders) {
+        let noise2 = record.noise_m.powi(2);
+        let command_v = &record.log.command_v[record.run_in..];
+        for stretch in repeats(command_v, record.log.meta.period_samples) {
+            let period = stretch.period_samples;
+            let end = stretch.start + stretch.n_periods * period;
+            for k in stretch.start + period..end {
+                let (now, before) = (residual_m[k], residual_m[k - period]);
+                products += now * before;
+                excess += 0.5 * (now * now + before * before) - noise2;
+                noise += noise2;
+            }
+        }
+    }
+    if excess > TOLD * noise { (products / excess).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// Rows after which an error of the sampling instants is forgotten: one, where it is another one in every row, or where it never is.

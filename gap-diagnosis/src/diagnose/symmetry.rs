@@ -14,6 +14,8 @@ use nalgebra::{DMatrix, DVector};
 const INSTANT: f64 = 0.05;
 /// Chi-square that speaks for an offset against what shifts the displacement in the same way and is rarer: three to one.
 const RARER: f64 = 2.2;
+/// Share of the priors that leaves numbers free which the logs determine.
+const NEXT_TO_NOTHING: f64 = 1e-6;
 /// A direction explains a good part of a move if it leaves less than this of it.
 const GOOD_PART: f64 = 0.75;
 
@@ -37,6 +39,8 @@ pub struct Freed {
     pub cost: f64,
     /// What they cost without it.
     pub cost_without: f64,
+    /// Chi-square that speaks against it beforehand, beside another one of the same direction.
+    pub rarer: f64,
 }
 
 impl Freed {
@@ -64,6 +68,7 @@ pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
     let Some((information, gradient)) = reduced(bench, hypothesis, found, &weights) else { return Vec::new() };
     let z = DVector::from_column_slice(&found.z[..nominal]);
     let Some(prior) = prior(bench) else { return Vec::new() };
+    let Some(least) = least_misfit(&information, &gradient, &z, &prior) else { return Vec::new() };
     let mut all: Vec<Freed> = directions(bench)
         .into_iter()
         .filter_map(|(effect, quantity, direction)| {
@@ -75,12 +80,13 @@ pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
                     }
                     _ => (along.exp_m1(), along.exp() * sigma),
                 };
-                let cost = if effect == "asymmetric_hysteresis" { cost + RARER } else { cost };
-                Freed { effect, quantity, along, sigma, value, value_sigma, cost, cost_without }
+                let rarer = if effect == "asymmetric_hysteresis" { RARER } else { 0.0 };
+                let [cost, cost_without] = [cost, cost_without].map(|cost| (cost - least).max(0.0));
+                Freed { effect, quantity, along, sigma, value, value_sigma, cost, cost_without, rarer }
             })
         })
         .collect();
-    all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    all.sort_by(|a, b| (a.cost + a.rarer).total_cmp(&(b.cost + b.rarer)));
     all
 }
 
@@ -190,6 +196,19 @@ fn is_seen(bench: &Bench<'_>, quantity: Quantity) -> bool {
     let sample_s = bench.records.iter().map(|record| record.log.dt_s).fold(f64::INFINITY, f64::min);
     let hysterons = &bench.chain.plant.hysterons;
     hysterons.get(i).is_none_or(|hysteron| hysteron.capacitance_f / hysteron.slope_s > INSTANT * sample_s)
+}
+
+/// Misfit beside that of the numbers z if no shift cost anything (next to nothing, where the logs leave a number open): what shifts cost counts
+/// from there.
+fn least_misfit(
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    z: &DVector<f64>,
+    prior: &DMatrix<f64>,
+) -> Option<f64> {
+    let weak = prior * NEXT_TO_NOTHING;
+    let change = (information + &weak).cholesky()?.solve(&(gradient - &weak * z));
+    Some(-2.0 * gradient.dot(&change) + change.dot(&(information * &change)))
 }
 
 /// Minimises misfit and shifts over the numbers x = z + d and the free factor m: -2 g.d + d.I.d + (x - m s).P.(x - m s).

@@ -14,7 +14,7 @@ const SAME_COST: f64 = 9.0;
 const SAME_PROBABILITY: f64 = 5.0;
 const GOOD: f64 = 0.10;
 /// Fits that leave much, but as much as one another within this share, are one answer as well, up to this fraction.
-const ALIKE: f64 = 0.02;
+const ALIKE: f64 = 0.05;
 const HALF: f64 = 0.5;
 /// What of an explanation's probability each of its members gets at least.
 const LEAST_SHARE: f64 = 0.3;
@@ -173,7 +173,7 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
         if is_known || BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
             continue;
         }
-        let (left, their_left) = (top.judged.left_judged(), other.judged.left_judged());
+        let (left, their_left) = (top.judged.left, other.judged.left);
         let floor = top.judged.floor.max(other.judged.floor);
         // What leaves as much is as good, be the form wrong in the same way.
         let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;
