@@ -37,7 +37,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("parallel mode", mode(Joint::Parallel { compliance_m_per_n: 1e-6 })),
         ("cubic spring", force(Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 1e11 })),
         ("one-sided spring", force(Force::OneSided { stiffness_n_per_m: 1000.0 })),
-        ("stop, 20 times the stiffness", force(Force::Stop { at_m: 90e-6, stiffness_n_per_m: 5e5 })),
+        (
+            "stop, 20 times the stiffness",
+            force(Force::Stop { at_m: 90e-6, stiffness_n_per_m: 5e5, damping_s_per_m: 0.0 }),
+        ),
         ("presliding, 50 mN over 1 um", force(Force::Presliding { coulomb_n: 0.05, presliding_m: 1e-6 })),
         ("smooth friction, 1 mm/s", force(Force::Smooth { coulomb_n: 0.05, speed_m_per_s: 1e-3 })),
         ("power 0.5", force(Force::Power { force_n: 0.05, reference_m_per_s: 0.1, exponent: 0.5 })),

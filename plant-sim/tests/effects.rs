@@ -189,6 +189,7 @@ fn suffix(unit: &str) -> Option<&'static str> {
         "N/m" => "_n_per_m",
         "N/m^2" => "_n_per_m2",
         "N/m^3" => "_n_per_m3",
+        "s/m" => "_s_per_m",
         "N/m^4" => "_n_per_m4",
         "N/m^5" => "_n_per_m5",
         "1/s" => "_per_s",

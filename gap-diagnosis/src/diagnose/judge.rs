@@ -1,6 +1,6 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
-use super::bench::Freedom;
+use super::bench::{Bench, Freedom, Record};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
@@ -33,6 +33,8 @@ const FREED_AT_NOISE: f64 = 36.0;
 const FREED_FIRST: f64 = 300.0;
 /// .. and where next to nothing stays: five sigma, if the other shifts are ordinary then.
 const FREED_OF_ALL: f64 = 25.0;
+/// A direction that moves readings by so many times what the refit leaves is no trace of what else is wrong.
+const MUCH_LARGER: f64 = 8.0;
 const PAYS_FOR_ALL: f64 = 0.05;
 pub(super) const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
@@ -251,29 +253,33 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let rest = (excess / whole.max(excess)).sqrt();
     // Where next to nothing is left, what a direction pays for need not be as much.
     let is_nothing = rest < BENT;
-    let least = if is_nothing { FREED_OF_ALL } else { FREED_FIRST };
-    let mut paying = Vec::new();
-    if rest < NEARLY_ALL && refit.found.prior_cost > least.min(FREED_BESIDES) {
-        paying = freed(search, &refit);
-        let pays_for_all = |freed: &Freed| {
-            let is_ordinary = is_nothing && freed.cost < BENT_COST;
-            let is_most = freed.cost_without > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
-            is_ordinary || is_most
-        };
-        paying.retain(|freed| pays_for_all(freed) && !without.contains(&freed.effect));
-    }
+    let mut paying = if rest < NEARLY_ALL { freed(search, &refit) } else { Vec::new() };
+    let pays_for_all = |freed: &Freed| freed.gain() > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
+    let is_sure = |freed: &Freed| {
+        let is_ordinary = is_nothing && freed.cost < BENT_COST && freed.gain() > FREED_OF_ALL;
+        let is_large = freed.gain() > FREED_BESIDES && moved_m(bench, freed) > MUCH_LARGER * refit.found.rms_m();
+        is_ordinary || is_large || pays_for_all(freed) && (is_nothing || freed.gain() > FREED_FIRST)
+    };
+    paying.retain(|freed| (pays_for_all(freed) || is_sure(freed)) && !without.contains(&freed.effect));
     if let Some(first) = paying.first() {
         // Scatter bends no number: beside it a direction need not pay more than beside a fit.
         let well = scatter.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
         explanations.extend(well.map(|explanation| explanation.along(first, rest)));
     }
-    let is_direction = |effect: &str| refit.found.prior_cost > least && paying.iter().any(|f| f.effect == effect);
+    paying.retain(is_sure);
+    let is_direction = |effect: &str| paying.iter().any(|freed| freed.effect == effect);
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them, or one of which the refit knew the direction before.
     if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < MOSTLY) {
         let (known, others): (Vec<Freed>, Vec<Freed>) =
             freed(search, best).into_iter().partition(|freed| is_direction(freed.effect));
-        explanations.extend(by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES));
+        let beside = by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES);
+        let of_worst = left_of_worst(search, best, &refit);
+        explanations.extend(beside.into_iter().map(|mut explanation| {
+            // The direction explains no log that the fit misses.
+            explanation.judged.of_worst = of_worst;
+            explanation
+        }));
         if left < FOUND {
             let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
             let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
@@ -286,7 +292,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
             explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
         }
     }
-    explanations.extend(by_symmetry(paying, &refit, rest, floor, without, least));
+    explanations.extend(by_symmetry(paying, &refit, rest, floor, without, 0.0));
     let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score() - 0.5 * e.rarer()).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score() - SHARPNESS * gap_over_least(&refit).ln();
@@ -294,6 +300,20 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let whole_gap = Explanation::by_fit(&refit, 1.0, floor);
     let doubts: Vec<f64> = explanations.iter().chain([&whole_gap]).map(|e| e.judged.doubt()).collect();
     judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores, &doubts)
+}
+
+/// Rms of what a freed offset or gain moves the readings by, metres; zero for other directions, of which that is not known without a simulation.
+fn moved_m(bench: &Bench<'_>, freed: &Freed) -> f64 {
+    let reading_m = || {
+        let squares = |record: &Record<'_>| record.log.displacement_m.iter().map(|y| y * y).sum::<f64>();
+        let rows: usize = bench.records.iter().map(|record| record.log.len()).sum();
+        (bench.records.iter().map(squares).sum::<f64>() / rows.max(1) as f64).sqrt()
+    };
+    match freed.effect {
+        "sensor_offset" | "asymmetric_hysteresis" => freed.value.abs(),
+        "sensor_gain" | "amplifier_gain" => freed.value.abs() * reading_m(),
+        _ => 0.0,
+    }
 }
 
 /// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of

@@ -197,12 +197,15 @@ pub enum Force {
         /// p, > 0.
         exponent: f64,
     },
-    /// Elastic contact beyond `at_m` (towards positive displacement if it is positive): energy k x^2/2 of the depth x.
+    /// Contact beyond `at_m` (towards positive displacement if it is positive): k x (1 + a x') of the depth x, never pulling (Hunt and Crossley
+    /// 1975); energy k x^2/2.
     Stop {
         /// Where contact begins, in metres; its sign says on which side.
         at_m: f64,
         /// Contact stiffness in N/m.
         stiffness_n_per_m: f64,
+        /// a in s/m, >= 0: what of an impact is lost.
+        damping_s_per_m: f64,
     },
 }
 
@@ -213,6 +216,13 @@ const PAD_DEPTH: f64 = 0.1;
 pub(super) fn in_pad(at_m: f64, q: f64) -> (f64, f64) {
     let unit_m = (PAD_DEPTH * at_m.abs()).max(1e-12);
     (unit_m, ((q - at_m) * at_m.signum()).max(0.0) / unit_m)
+}
+
+/// Force of a stop on a mass at `q` that moves at `w`.
+pub(super) fn against_stop_n([at_m, stiffness_n_per_m, damping_s_per_m]: [f64; 3], q: f64, w: f64) -> f64 {
+    let side = at_m.signum();
+    let depth_m = ((q - at_m) * side).max(0.0);
+    side * stiffness_n_per_m * depth_m * (1.0 + damping_s_per_m * w * side).max(0.0)
 }
 
 /// An oscillator besides the plant's own.

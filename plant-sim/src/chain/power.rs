@@ -4,7 +4,7 @@
 //! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
 //! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
-use super::parts::{detent, in_pad, on_patch};
+use super::parts::{against_stop_n, detent, in_pad, on_patch};
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
 use std::f64::consts::TAU;
@@ -41,7 +41,7 @@ pub fn stored_j(chain: &Chain, held: &Snapshot) -> f64 {
             let rounded = |x: f64| 0.5 * (x * x.hypot(w) + w * w * (x / w).asinh());
             0.5 * stiffness_n_per_m * (0.5 * q * q + rounded(q - at_m) - rounded(-at_m) - at_m.hypot(w) * q)
         }
-        Force::Stop { at_m, stiffness_n_per_m } => {
+        Force::Stop { at_m, stiffness_n_per_m, .. } => {
             0.5 * stiffness_n_per_m * ((q - at_m) * at_m.signum()).max(0.0).powi(2)
         }
         Force::Pad { at_m, stiffness_n_per_m, exponent } => {
@@ -78,6 +78,11 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         .sum();
     let friction = |(force, z): (&Force, &f64)| match *force {
         Force::Presliding { coulomb_n, .. } => coulomb_n * z * w,
+        // What it pushes with beyond its spring.
+        Force::Stop { at_m, stiffness_n_per_m, damping_s_per_m } => {
+            let push_n = |damping| against_stop_n([at_m, stiffness_n_per_m, damping], state.displacement_m, w);
+            (push_n(damping_s_per_m) - push_n(0.0)) * w
+        }
         Force::Slider { coulomb_n, .. } => {
             if z * w.signum() > GIVES_WAY {
                 coulomb_n * w.abs()
@@ -102,7 +107,7 @@ pub fn dissipated_w(chain: &Chain, held: &Snapshot) -> f64 {
         | Force::OneSided { .. }
         | Force::Gradual { .. }
         | Force::Detent { .. } => 0.0,
-        Force::Stop { .. } | Force::Pad { .. } => 0.0,
+        Force::Pad { .. } => 0.0,
     };
     let forces: f64 = chain.parts.forces.iter().zip(&held.slid).map(friction).sum();
     let modes: f64 =

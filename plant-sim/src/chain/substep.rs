@@ -9,7 +9,7 @@
 
 use super::lag::Moments;
 use super::leak::Leak;
-use super::parts::{detent, in_pad, on_patch};
+use super::parts::{against_stop_n, detent, in_pad, on_patch};
 use super::path::{Path, Quadrature};
 use super::relax::relax;
 use super::{Bend, Force, Joint, Mode, Parts};
@@ -43,6 +43,8 @@ const STRAIGHT: f64 = 1e-9;
 /// that is 0.1 nm for a hundredth of the blocking force.
 const SLIDING: f64 = 1e-6;
 const COARSE_SLIDING: f64 = 1e-4;
+/// Depth in a contact, in strokes, for which steps are short enough.
+const DEEP: f64 = 0.2;
 /// An acceleration over a long step is at most this many times the one at its start.
 const AT_MOST: f64 = 1.3;
 
@@ -142,7 +144,14 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     let rate = rate.max((added / plant.mass_kg).sqrt() * shorter);
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
-    let count_of_laws = count(rate.max(4.0 * widening / plant.mass_kg));
+    // So does a contact that loses energy, as far in as such contacts go.
+    let deep_m = DEEP * stroke_m;
+    let lossy = |force: &Force| match *force {
+        Force::Stop { stiffness_n_per_m, damping_s_per_m, .. } => stiffness_n_per_m.abs() * deep_m * damping_s_per_m,
+        _ => 0.0,
+    };
+    let losses: f64 = parts.forces.iter().map(lossy).sum();
+    let count_of_laws = count(rate.max(4.0 * (widening + losses) / plant.mass_kg));
     [count_of_laws, if may_be_idle(parts) { idle } else { count_of_laws }]
 }
 
@@ -226,7 +235,8 @@ impl Laws {
             self.quadrature.along(&path, step_s, |piece| {
                 let from_m = path.at(piece.from_s);
                 for (t, weight) in piece.nodes() {
-                    let force_n = elastic_n(&self.plant, forces, slid, path.at(t) - from_m, path.at(t));
+                    let motion = [path.at(t), path.motion(t)[0]];
+                    let force_n = elastic_n(&self.plant, forces, slid, motion[0] - from_m, motion);
                     sum.add_node(t, weight, force_n);
                 }
                 drag(forces, slid, path.at(piece.to_s) - from_m);
@@ -379,7 +389,7 @@ impl Laws {
     fn load_n(&self, state: &[f64], pull: [f64; 3], modes: [f64; 2], motion: [f64; 2], t: f64) -> f64 {
         let mut load_n = self.linear_load_n(state, pull, modes, motion, t);
         if self.elastic {
-            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, motion[0] - state[0], motion[0]);
+            load_n -= elastic_n(&self.plant, &self.forces, &self.slid, motion[0] - state[0], motion);
         }
         load_n
     }
@@ -447,8 +457,8 @@ fn friction(forces: &[Force], v: f64) -> [f64; 2] {
     sum
 }
 
-/// Forces of place, `by_m` from where `slid` is up to date.
-fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> f64 {
+/// Forces of place, `by_m` from where `slid` is up to date; some of them change with the speed `w`.
+fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, [q, w]: [f64; 2]) -> f64 {
     let mut sum_n = 0.0;
     for (force, &z) in forces.iter().zip(slid) {
         sum_n += match *force {
@@ -468,9 +478,8 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, q: f64) -> 
             }
             Force::Detent { period_m, sin_n, cos_n } => detent(q, period_m, sin_n, cos_n)[0],
             Force::BoucWen(law) => law.after(z, by_m),
-            Force::Stop { at_m, stiffness_n_per_m } => {
-                let depth_m = (q - at_m) * at_m.signum();
-                stiffness_n_per_m * depth_m.max(0.0) * at_m.signum()
+            Force::Stop { at_m, stiffness_n_per_m, damping_s_per_m } => {
+                against_stop_n([at_m, stiffness_n_per_m, damping_s_per_m], q, w)
             }
             Force::Pad { at_m, stiffness_n_per_m, exponent } => {
                 let (unit_m, depth) = in_pad(at_m, q);

@@ -8,10 +8,11 @@ effect!(EndStop, "end_stop", Structure);
 const ABOUT: About = About {
     title: "end stop",
     what: "Beyond some displacement the mover touches a stop that pushes back.",
-    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; or F = kc d ((q - g) / d)^p, a round or \
+    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; or F = kc (q - g) (1 + a q'), never pulling, a contact that \
+               loses energy; or F = kc d ((q - g) / d)^p, a round or \
                soft body; F: force of the contact, kc: its stiffness, q: displacement, g: where it begins, d: g / 10, \
-               p: exponent",
-    source: "common form, size assumed; p = 3/2: Hertz 1882",
+               p: exponent, a: damping",
+    source: "common form, size assumed; p = 3/2: Hertz 1882; a: Hunt and Crossley 1975",
     typical: "a tenth to several times the plant's stiffness, at the last tenth of the travel",
     installs: "a contact force on the mass",
     signature: "nothing below a displacement, above it less travel; fast motion rings when it touches",
@@ -44,7 +45,27 @@ fn stiffness(scales: &Scales<'_>) -> Parameter {
 }
 
 fn stop(chain: &mut Chain, at_m: f64, stiffness_n_per_m: f64) {
-    chain.parts.forces.push(Force::Stop { at_m, stiffness_n_per_m });
+    damped_stop(chain, at_m, stiffness_n_per_m, 0.0);
+}
+
+fn damped_stop(chain: &mut Chain, at_m: f64, stiffness_n_per_m: f64, damping_s_per_m: f64) {
+    chain.parts.forces.push(Force::Stop { at_m, stiffness_n_per_m, damping_s_per_m });
+}
+
+/// What of an impact is lost: the force doubles at a tenth to ten times the usual speed.
+fn damping(scales: &Scales<'_>) -> Parameter {
+    let speed = scales.speed_m_per_s();
+    Parameter::shape("damping_s_per_m", "s/m", [0.05 / speed, 50.0 / speed], vec![0.5 / speed, 5.0 / speed])
+}
+
+/// A stop on either side.
+fn two(scales: &Scales<'_>) -> Vec<Parameter> {
+    let rename = |side, names: [&'static str; 2]| {
+        let [place, stiffness] = few(scales, side);
+        [Parameter { name: names[0], ..place }, Parameter { name: names[1], ..stiffness }]
+    };
+    let upper = rename(1.0, ["upper_at_m", "upper_stiffness_n_per_m"]);
+    upper.into_iter().chain(rename(-1.0, ["lower_at_m", "lower_stiffness_n_per_m"])).collect()
 }
 
 /// A stop whose force grows as a power of the depth.
@@ -69,19 +90,26 @@ const FORMS: &[Form] = &[
     Form::predictable("lower", |scales| one(scales, -1.0).to_vec(), |chain, p| stop(chain, p[0], p[1])),
     Form::predictable("upper-pad", |scales| soft(scales, 1.0), pad),
     Form::predictable("lower-pad", |scales| soft(scales, -1.0), pad),
+    Form::predictable("each-side", two, |chain, p| {
+        stop(chain, p[0], p[1]);
+        stop(chain, p[2], p[3]);
+    }),
     Form::predictable(
-        "each-side",
-        |scales| {
-            let rename = |side, names: [&'static str; 2]| {
-                let [place, stiffness] = few(scales, side);
-                [Parameter { name: names[0], ..place }, Parameter { name: names[1], ..stiffness }]
-            };
-            let upper = rename(1.0, ["upper_at_m", "upper_stiffness_n_per_m"]);
-            upper.into_iter().chain(rename(-1.0, ["lower_at_m", "lower_stiffness_n_per_m"])).collect()
-        },
+        "upper-damped",
+        |scales| few(scales, 1.0).into_iter().chain([damping(scales)]).collect(),
+        |chain, p| damped_stop(chain, p[0], p[1], p[2]),
+    ),
+    Form::predictable(
+        "lower-damped",
+        |scales| few(scales, -1.0).into_iter().chain([damping(scales)]).collect(),
+        |chain, p| damped_stop(chain, p[0], p[1], p[2]),
+    ),
+    Form::predictable(
+        "each-side-damped",
+        |scales| two(scales).into_iter().chain([damping(scales)]).collect(),
         |chain, p| {
-            stop(chain, p[0], p[1]);
-            stop(chain, p[2], p[3]);
+            damped_stop(chain, p[0], p[1], p[4]);
+            damped_stop(chain, p[2], p[3], p[4]);
         },
     ),
     Form::predictable(

@@ -36,7 +36,7 @@ fn with_mode(joint: Joint, hz: f64, forces: Vec<Force>) -> Chain {
 }
 
 fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
-    let stop = |at_m, stiffness_n_per_m| Force::Stop { at_m, stiffness_n_per_m };
+    let stop = |at_m, stiffness_n_per_m| Force::Stop { at_m, stiffness_n_per_m, damping_s_per_m: 0.0 };
     let power = |exponent| Force::Power { force_n: 0.1, reference_m_per_s: 0.1, exponent };
     vec![
         ("cubic spring", Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 3e11 }, [0.2, EXACT_NM]),
@@ -61,6 +61,7 @@ fn forces() -> Vec<(&'static str, Force, [f64; 2])> {
         ("stop above, 20 k", stop(70e-6, 5e5), [0.15, EXACT_NM]),
         ("stop below, 20 k", stop(-70e-6, 5e5), [0.15, 0.002]),
         ("stop above, k", stop(70e-6, 25e3), [0.25, 0.005]),
+        ("damped", Force::Stop { at_m: 70e-6, stiffness_n_per_m: 1e5, damping_s_per_m: 20.0 }, [0.25, EXACT_NM]),
     ]
 }
 
@@ -226,7 +227,7 @@ fn nothing_creeps_at_rest() {
     for force in [
         Force::Presliding { coulomb_n: 0.05, presliding_m: 1e-6 },
         Force::Spring { quadratic_n_per_m2: 1e7, cubic_n_per_m3: 1e11 },
-        Force::Stop { at_m: 50e-6, stiffness_n_per_m: 5e5 },
+        Force::Stop { at_m: 50e-6, stiffness_n_per_m: 5e5, damping_s_per_m: 0.0 },
         power,
     ] {
         for fast in [false, true] {

@@ -250,11 +250,11 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
                 let rounded = |x: f64| 0.5 * (x + (x * x + width_m * width_m).sqrt());
                 stiffness_n_per_m * (rounded(q - at_m) - rounded(-at_m))
             }
-            Force::Stop { at_m, stiffness_n_per_m } => {
+            Force::Stop { at_m, stiffness_n_per_m, damping_s_per_m } => {
                 if at_m > 0.0 {
-                    stiffness_n_per_m * (q - at_m).max(0.0)
+                    stiffness_n_per_m * (q - at_m).max(0.0) * (1.0 + damping_s_per_m * w).max(0.0)
                 } else {
-                    stiffness_n_per_m * (q - at_m).min(0.0)
+                    stiffness_n_per_m * (q - at_m).min(0.0) * (1.0 - damping_s_per_m * w).max(0.0)
                 }
             }
         };
