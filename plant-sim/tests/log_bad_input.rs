@@ -179,7 +179,7 @@ fn short_empty_and_headless_files_are_refused() {
     );
     // Only the very last line may be cut, and only where the file ends with it.
     assert_eq!(
-        refusal(&with_line(90, "0.088000,1\n").trim_end().to_owned()),
+        refusal(with_line(90, "0.088000,1\n").trim_end()),
         "bench.csv, line 90: 2 fields where the header has 3; the line is cut or has a stray separator"
     );
     assert_eq!(

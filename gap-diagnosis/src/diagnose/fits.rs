@@ -60,6 +60,8 @@ const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
 /// One effect fits as well as two if the mean square is no more than this many times theirs.
 const AS_WELL: f64 = 1.01;
+/// Shows in the first tenth of the logs.
+const START: &str = "initial_state";
 /// Tried whatever its score.
 const OFFSET: &str = "sensor_offset";
 /// Share of the residual's power in the first tenth of the logs that suggests their start.
@@ -112,7 +114,9 @@ impl Fits<'_> {
             let seconds = self.search.screen(first, &Starts::of(self.search.bench, &remainders), self.without);
             let taken = |pair: &Candidate| 1.0 - pair.left(first, 1.0);
             let mut beside: Vec<Candidate> = Vec::new();
-            for lead in distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE) {
+            let start = self.start(first, &remainders);
+            let promising = distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE);
+            for lead in start.iter().chain(promising) {
                 let pair = self.search.extend(first, lead, false);
                 if self.is_found(&pair) {
                     pairs.extend(self.twins(singles, first, &seconds, lead));
@@ -190,7 +194,7 @@ impl Fits<'_> {
     }
 
     fn singles(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
-        let start = self.start(remainders);
+        let start = self.start(self.refit, remainders);
         let chosen = chosen(leads);
         let offset = offset(leads).filter(|_| chosen.iter().all(|lead| lead.effect.id() != OFFSET));
         let mut all: Vec<&Lead> = start.iter().chain(&offset).chain(chosen).collect();
@@ -289,13 +293,15 @@ impl Fits<'_> {
         shared.filter(|shared| shared.chi < AS_WELL * fit.chi).unwrap_or(fit)
     }
 
-    /// The state at the start as a lead, if much of what is left lies there: no direction shows how much of it a start explains.
-    fn start(&self, remainders: &[Remainder]) -> Option<Lead> {
+    /// The state at the start as a lead, if much of what `fit` leaves lies there: no direction shows how much of it a start explains.
+    fn start(&self, fit: &Candidate, remainders: &[Remainder]) -> Option<Lead> {
         let share = early_share(self.search.bench, remainders);
-        let effect =
-            find("initial_state").filter(|effect| !self.without.contains(&effect.id()) && share > START_SHARE)?;
+        let effect = find(START).filter(|effect| !self.without.contains(&effect.id()) && share > START_SHARE)?;
         let form = effect.forms().iter().find(|form| form.kind == Kind::Start)?;
-        let excess = (self.refit.chi - 1.0) * self.refit.rows() as f64;
+        if fit.hypothesis.ids().contains(&START) {
+            return None;
+        }
+        let excess = (fit.chi - 1.0) * fit.rows() as f64;
         Some(Lead { effect, form, values: Vec::new(), gain: share * excess, share })
     }
 
@@ -357,12 +363,13 @@ impl Fits<'_> {
         if fits.iter().filter(|fit| fit.chi < AT_NOISE).count() < 2 {
             return fits;
         }
+        let most_numbers = fits.first().map_or(0, |best| best.hypothesis.parameters());
         for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE) {
             let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
             let Some(lead) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own) else { continue };
             let most = NO_RIVAL * fit.found.data_cost;
-            // At the noise a form of many more numbers says nothing that one of few does not.
-            let numbers = self.numbers(lead) + FEW_MORE;
+            // At the noise a form of many more numbers says nothing that one of few does not, unless the best has as many.
+            let numbers = most_numbers.max(self.numbers(lead) + FEW_MORE);
             for other in others(own.0, own.1, leads, lead.gain).filter(|other| self.numbers(other) <= numbers) {
                 *fit = better(fit.clone(), self.fit_of(other, most));
             }

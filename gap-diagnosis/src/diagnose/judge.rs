@@ -49,7 +49,7 @@ pub(super) const AT_NOISE: f64 = 1.06;
 /// .. but not where that takes less than the rest of the gap's power away.
 const MOST_OF_NOISE: f64 = 0.3;
 /// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
-const LOOK_ELSEWHERE: f64 = 7.0;
+const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 0.007;
 
 /// One explanation of the gap, fitted and judged.
@@ -63,6 +63,8 @@ pub struct Explanation {
     pub candidate: Candidate,
     /// The direction that was freed, for an effect that the nominal numbers imitate.
     pub freed: Option<Freed>,
+    /// Probability that the fit beside a direction that is sure by itself is none of the registry's.
+    pub doubted: f64,
     /// For an effect that no simulation predicts: its form, and the scatter that tells its number.
     pub scatter: Option<(&'static dyn Effect, &'static Form, Scattered)>,
 }
@@ -78,7 +80,7 @@ impl Explanation {
             prior_cost: candidate.found.prior_cost,
             parameters: candidate.hypothesis.parameters(),
         };
-        Self { judged, probability: 0.0, candidate: candidate.clone(), freed: None, scatter: None }
+        Self { judged, probability: 0.0, candidate: candidate.clone(), freed: None, doubted: 0.0, scatter: None }
     }
 
     /// Chi-square that speaks against it beforehand.
@@ -273,27 +275,23 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < MOSTLY) {
         let (known, others): (Vec<Freed>, Vec<Freed>) =
             freed(search, best).into_iter().partition(|freed| is_direction(freed.effect));
-        let beside = by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES);
-        let of_worst = left_of_worst(search, best, &refit);
-        explanations.extend(beside.into_iter().map(|mut explanation| {
-            // The direction explains no log that the fit misses.
-            explanation.judged.of_worst = of_worst;
-            explanation
-        }));
-        if left < FOUND {
-            let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
-            let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
-            let others: Vec<Freed> = others.into_iter().filter(is_believed).collect();
-            if others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
-                // Without it, the fit has to pay for shifts that no plant has.
-                let is_alone = |e: &&mut Explanation| e.freed.is_none() && e.judged.ids == best.hypothesis.ids();
-                explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
-            }
-            explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
+        let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
+        let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
+        let others: Vec<Freed> = others.into_iter().filter(|freed| left < FOUND && is_believed(freed)).collect();
+        if !known.is_empty() || others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
+            // Without it, the fit has to pay for shifts that no plant has.
+            let is_alone = |e: &&mut Explanation| e.freed.is_none() && e.judged.ids == best.hypothesis.ids();
+            explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
         }
+        // What is none of the registry's beside a sure direction leaves that direction alone.
+        let doubted = explained(best).judged.doubt();
+        let beside = by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES);
+        explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
+        explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
     }
     explanations.extend(by_symmetry(paying, &refit, rest, floor, without, 0.0));
-    let mut scores: Vec<f64> = explanations.iter().map(|e| e.judged.score() - 0.5 * e.rarer()).collect();
+    let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
+    let mut scores: Vec<f64> = explanations.iter().map(score).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
     let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score() - SHARPNESS * gap_over_least(&refit).ln();
     scores.push(nothing);

@@ -195,3 +195,42 @@ fn slope(pairs: &mut [(f64, f64)]) -> (f64, f64, f64) {
     }
     ((s * sxy - sx * sy) / determinant, (s / determinant).sqrt(), (sxx * sy - sx * sxy) / determinant)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    #[test]
+    fn only_what_is_the_same_in_every_period_returns() {
+        let model = thesis();
+        let (period, periods) = (400, 4);
+        let wave = |k: usize| (std::f64::consts::TAU * k as f64 / period as f64).sin();
+        let rows = 100 + period * periods;
+        let moves = |k: usize| if k < 100 { 0.0 } else { 20.0 * wave(k - 100) };
+        let mut log = Log { dt_s: 5e-5, command_v: (0..rows).map(moves).collect(), ..Log::default() };
+        let mut random = Pcg64::seed_from_u64(5);
+        let noise_m: Vec<f64> = (0..rows).map(|_| 2e-8 * random.random_range(-1.0..1.0)).collect();
+        log.displacement_m = noise_m.clone();
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let share = |of_period: f64, of_row: f64| {
+            let mut random = Pcg64::seed_from_u64(6);
+            let mut left = |k: usize| {
+                noise_m[k]
+                    + of_period * wave(3 * k)
+                    + of_row * random.random_range(-1.0..1.0) * f64::from(u8::from(k > 99))
+            };
+            let residual_m: Vec<f64> = (0..rows).map(&mut left).collect();
+            returning(&bench, &[Remainder { velocity_m_per_s: vec![0.0; rows], residual_m }])
+        };
+        let (same, other, none) = (share(2e-7, 0.0), share(0.0, 3e-7), share(0.0, 0.0));
+        assert!(same > 0.95 && other < 0.1 && none == 0.0, "{same} {other} {none}");
+        // As much of either: 2e-7^2 / 2 against 3e-7^2 / 3.
+        let both = share(2e-7, 3e-7);
+        assert!((both - 0.4).abs() < 0.1, "{both}");
+    }
+}

@@ -286,4 +286,20 @@ mod tests {
         one[dead_zone] = bench.free[dead_zone].prior_sigma;
         assert!((one.dot(&(&prior * &one)) - 1.0).abs() < 1e-9);
     }
+
+    /// Where a fit ended on other weights than those that judge it, the misfit there is no zero to count from.
+    #[test]
+    fn what_shifts_cost_counts_from_the_least_misfit() {
+        let information = DMatrix::from_diagonal(&DVector::from_vec(vec![1e9, 4e9]));
+        let prior = DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, 1.0]));
+        // The logs want the numbers at 3 and -1, the fit ended a little beside that.
+        let (wanted, z) = (DVector::from_vec(vec![3.0, -1.0]), DVector::from_vec(vec![3.0002, -1.0001]));
+        let gradient = &information * (&wanted - &z);
+        let least = least_misfit(&information, &gradient, &z, &prior).expect("determined");
+        let direction = DVector::from_vec(vec![1.0, 0.0]);
+        let (along, _, cost, without) = free_one(&information, &gradient, &z, &prior, &direction).expect("determined");
+        assert!(cost < -30.0, "{cost}");
+        assert!((along - 3.0).abs() < 1e-6 && (cost - least - 1.0).abs() < 1e-6, "{along} {}", cost - least);
+        assert!((without - least - 10.0).abs() < 1e-6, "{}", without - least);
+    }
 }
