@@ -249,32 +249,18 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         });
         explanations.extend(both);
     }
-    // A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
-    // the refit leaves of the whole gap is left then, and less of it with what else was found.
-    let whole = search.unfitted(&refit.hypothesis) - 1.0;
-    let rest = (excess / whole.max(excess)).sqrt();
-    // Where next to nothing is left, what a direction pays for need not be as much.
-    let is_nothing = rest < BENT;
-    let mut paying = if rest < NEARLY_ALL { freed(search, &refit) } else { Vec::new() };
-    let pays_for_all = |freed: &Freed| freed.gain() > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
-    let is_sure = |freed: &Freed| {
-        let is_ordinary = is_nothing && freed.cost < BENT_COST && freed.gain() > FREED_OF_ALL;
-        let is_large = freed.gain() > FREED_BESIDES && moved_m(bench, freed) > MUCH_LARGER * refit.found.rms_m();
-        is_ordinary || is_large || pays_for_all(freed) && (is_nothing || freed.gain() > FREED_FIRST)
-    };
-    paying.retain(|freed| (pays_for_all(freed) || is_sure(freed)) && !without.contains(&freed.effect));
-    if let Some(first) = paying.first() {
+    let directions = Directions::of(search, &refit, without);
+    let rest = directions.rest;
+    if let Some(first) = &directions.first {
         // Scatter bends no number: beside it a direction need not pay more than beside a fit.
         let well = scatter.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
         explanations.extend(well.map(|explanation| explanation.along(first, rest)));
     }
-    paying.retain(is_sure);
-    let is_direction = |effect: &str| paying.iter().any(|freed| freed.effect == effect);
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them, or one of which the refit knew the direction before.
     if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < MOSTLY) {
         let (known, others): (Vec<Freed>, Vec<Freed>) =
-            freed(search, best).into_iter().partition(|freed| is_direction(freed.effect));
+            freed(search, best).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
         let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
         let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
         let others: Vec<Freed> = others.into_iter().filter(|freed| left < FOUND && is_believed(freed)).collect();
@@ -289,15 +275,54 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
         explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
     }
-    explanations.extend(by_symmetry(paying, &refit, rest, floor, without, 0.0));
+    explanations.extend(by_symmetry(directions.sure, &refit, rest, floor, without, 0.0));
     let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
-    let nothing = Explanation::by_fit(&refit, 1.0, floor).judged.score() - SHARPNESS * gap_over_least(&refit).ln();
-    scores.push(nothing);
-    let whole_gap = Explanation::by_fit(&refit, 1.0, floor);
-    let doubts: Vec<f64> = explanations.iter().chain([&whole_gap]).map(|e| e.judged.doubt()).collect();
+    let nothing = Explanation::by_fit(&refit, 1.0, floor);
+    scores.push(nothing.judged.score() - SHARPNESS * gap_over_least(&refit).ln());
+    let doubts: Vec<f64> = explanations.iter().chain([&nothing]).map(|e| e.judged.doubt()).collect();
     judged(Course { leads, line_hz: starts.line_hz, ..Course::new(refit, explanations, scattered) }, &scores, &doubts)
+}
+
+/// What the nominal numbers imitate, as far as a refit that leaves a gap tells it.
+struct Directions {
+    /// The first that pays for all shifts: beside scatter, which bends no number, that is enough.
+    first: Option<Freed>,
+    /// Those that are sure whatever stays.
+    sure: Vec<Freed>,
+    /// Fraction of the whole gap that the refit leaves, as amplitude.
+    rest: f64,
+}
+
+impl Directions {
+    /// A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
+    /// the refit leaves of the whole gap is left then, and less of it with what else was found.
+    fn of(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Self {
+        let excess = refit.chi - 1.0;
+        let whole = search.unfitted(&refit.hypothesis) - 1.0;
+        let rest = (excess / whole.max(excess)).sqrt();
+        if rest >= NEARLY_ALL {
+            return Self { first: None, sure: Vec::new(), rest };
+        }
+        // Where next to nothing is left, what a direction pays for need not be as much.
+        let is_nothing = rest < BENT;
+        let pays_for_all =
+            |freed: &Freed| freed.gain() > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
+        let is_sure = |freed: &Freed| {
+            let is_ordinary = is_nothing && freed.cost < BENT_COST && freed.gain() > FREED_OF_ALL;
+            let is_large =
+                freed.gain() > FREED_BESIDES && moved_m(search.bench, freed) > MUCH_LARGER * refit.found.rms_m();
+            is_ordinary || is_large || pays_for_all(freed) && (is_nothing || freed.gain() > FREED_FIRST)
+        };
+        let mut known = freed(search, refit);
+        known.retain(|freed| (pays_for_all(freed) || is_sure(freed)) && !without.contains(&freed.effect));
+        Self { first: known.first().cloned(), sure: known.into_iter().filter(is_sure).collect(), rest }
+    }
+
+    fn are_sure_of(&self, effect: &str) -> bool {
+        self.sure.iter().any(|freed| freed.effect == effect)
+    }
 }
 
 /// Rms of what a freed offset or gain moves the readings by, metres; zero for other directions, of which that is not known without a simulation.

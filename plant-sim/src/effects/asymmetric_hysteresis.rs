@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "asymmetric hysteresis",
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
-               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or h = sum (s_i + l_i u/R + b_i (u/R)^2) (u - p_i) beside it, plays p_i with thresholds from 0.025 to 1 of the reach R; or a dead zone about \
+               for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or h = sum (s_i + l_i u/R + b_i (u/R)^2) (u - p_i) beside it, plays p_i with thresholds from 0.02 to 0.7 of the reach R (wide ones without b and l); or a dead zone about \
                m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage \
                of the hysteron, alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: \
                drive, c: curvature, g: change of the gain beyond a, k: stiffness",

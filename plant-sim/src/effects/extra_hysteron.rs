@@ -11,7 +11,7 @@ const ABOUT: About = About {
     equation: "C v' = alpha q' - h(v), h(v) = beta (v -+ d/2) beyond the dead zone and 0 inside; C: capacitance, v: \
                its voltage, alpha: transduction, q: displacement, beta: slope, d: width of the dead zone. Or h = s sum (V - p_i) / 5 \
                with plays p_i of the drive V, thresholds evenly up to the reach, that the drive's force alpha V misses; s: share; or h = sum (s_i + b_i (V/R)^2) (V - p_i) with \
-             thresholds from 0.025 to 1 of the reach R, which is near any relays of the voltage; b: how shares bow. \
+             thresholds from 0.02 to 0.7 of the reach R (wide ones without b), which is near any relays of the voltage; b: how shares bow. \
                Hysterons are given by r = alpha^2 / (C k), k: stiffness, tau = C / beta, and the fast travel d C / alpha from one end of the \
                dead zone to the other",
     source: "equations (2.4)-(2.6) of the thesis; hysteresis as a sum of play elements or relays: Prandtl-Ishlinskii \

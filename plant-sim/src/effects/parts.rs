@@ -86,28 +86,30 @@ pub(super) fn add_plays(chain: &mut Chain, p: &[f64], skew_per_v: f64) {
     push_plays(chain, (1..=PLAYS).map(play));
 }
 
-/// Thresholds of a spectrum of plays, in shares of the range: closer where small reversals open them. Two neighbours bow and lean alike.
-const THRESHOLDS: [f64; 6] = [0.025, 0.06, 0.14, 0.3, 0.6, 1.0];
+/// Thresholds of a spectrum of plays, in shares of the range: closer where small reversals open them. Two neighbours of the first four bow and lean
+/// alike; wide plays hardly lag, and if they bent they would be any curve of the drive.
+const THRESHOLDS: [f64; 6] = [0.02, 0.05, 0.11, 0.22, 0.4, 0.7];
 
-/// Plays at fixed thresholds, each with a weight of its own that may bow with the voltage; with `LEANS`, lean as well.
+/// Plays at fixed thresholds, each with a weight of its own, of which the narrow ones bow with the voltage; with `LEANS`, lean as well.
 pub(super) fn spectrum<const LEANS: bool>(scales: &Scales<'_>) -> Vec<Parameter> {
     let drive_v = scales.drive_v;
     let reach = Parameter::shape("reach_v", "V", [0.9 * drive_v, 1.1 * drive_v], vec![drive_v]);
     let share = |name| Parameter::signed(name, "", 0.5, 0.01);
     let weights = ["share_1", "share_2", "share_3", "share_4", "share_5", "share_6"].map(share);
-    let bows = ["bow_1", "bow_2", "bow_3"].map(share);
-    let leans = ["lean_1", "lean_2", "lean_3"].map(share).into_iter().filter(|_| LEANS);
+    let bows = ["bow_1", "bow_2"].map(share);
+    let leans = ["lean_1", "lean_2"].map(share).into_iter().filter(|_| LEANS);
     std::iter::once(reach).chain(weights).chain(bows).chain(leans).collect()
 }
 
 /// Plays with these parameters.
 pub(super) fn add_spectrum(chain: &mut Chain, p: &[f64]) {
-    let (reach_v, weights, bows, leans) = (p[0], &p[1..7], &p[7..10], &p[10..]);
+    let (reach_v, weights, bows, leans) = (p[0], &p[1..7], &p[7..9], &p[9..]);
+    let of_pair = |shares: &[f64], i: usize| shares.get(i / 2).copied().unwrap_or(0.0);
     let play = |(i, threshold): (usize, f64)| Play {
         threshold_v: threshold * reach_v,
         weight_per_v: weights[i],
-        lean_per_v2: leans.get(i / 2).map_or(0.0, |lean| lean / reach_v),
-        bow_per_v3: bows[i / 2] / (reach_v * reach_v),
+        lean_per_v2: of_pair(leans, i) / reach_v,
+        bow_per_v3: of_pair(bows, i) / (reach_v * reach_v),
     };
     push_plays(chain, THRESHOLDS.into_iter().enumerate().map(play));
 }
