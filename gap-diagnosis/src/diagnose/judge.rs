@@ -48,6 +48,8 @@ const BENT: f64 = 0.02;
 pub(super) const AT_NOISE: f64 = 1.06;
 /// .. but not where that takes less than the rest of the gap's power away.
 const MOST_OF_NOISE: f64 = 0.3;
+/// Share of jitter's power that may return with the command: where few rows are late, all are late in the mean.
+const OF_LATENESS: f64 = 0.3;
 /// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 0.007;
@@ -393,7 +395,8 @@ fn by_scatter(
         // A line through bins misses a tenth of the power now and then.
         let left = ((1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.1).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
-        add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(scattered.returning.sqrt()));
+        let returning = (scattered.returning - OF_LATENESS).max(0.0) / (1.0 - OF_LATENESS);
+        add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(returning.sqrt()));
     }
     // Noise neither has lines nor follows anything that the registry's directions follow.
     let even = scattered.unevenness;
