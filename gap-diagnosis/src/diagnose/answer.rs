@@ -42,7 +42,7 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// The named set, largest share first.
     pub effects: Vec<String>,
-    /// Stage of the chain that the first of them acts in.
+    /// Stage of the chain that the most probable of them acts in.
     pub stage: Option<&'static str>,
     /// All entries, most probable first.
     pub ranking: Vec<Ranked>,
@@ -226,7 +226,7 @@ pub(super) fn answer(
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
-    let ranking = ranking(course, shares_of_nothing, explanation, &shares, beyond.as_ref());
+    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref());
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
 
@@ -269,7 +269,7 @@ pub(super) fn answer(
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
         verdict,
-        stage: effects.first().and_then(|id| stage(id, found.wrong())),
+        stage: leading(&effects, &ranking).and_then(|id| stage(id, found.wrong())),
         effects,
         ranking,
         set90,
@@ -348,6 +348,12 @@ fn effects(
     ids.sort_by(|a, b| share(b).total_cmp(&share(a)));
     ids.dedup();
     ids.into_iter().map(str::to_owned).collect()
+}
+
+/// The most probable of the named effects.
+fn leading<'e>(effects: &'e [String], ranking: &[Ranked]) -> Option<&'e str> {
+    let rank = |id: &&String| ranking.iter().position(|ranked| ranked.effect == **id);
+    effects.iter().min_by_key(rank).map(String::as_str)
 }
 
 /// Where an entry acts; a wrong number acts where the number is.

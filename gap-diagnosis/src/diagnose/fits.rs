@@ -1,7 +1,7 @@
 //! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
 
 use super::bench::Bench;
-use super::judge::{AT_NOISE, FREED_BESIDES, NEARLY_ALL, Say};
+use super::judge::{AT_NOISE, FREED_BESIDES, NEARLY_ALL, RESOLVED, Say};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
@@ -178,7 +178,6 @@ impl Fits<'_> {
         });
         let mut twins: Vec<Candidate> =
             others.take(MOST_TWINS).map(|other| self.search.extend(other, lead, false)).collect();
-        let is_lag = |lead: &Lead| LAGS.contains(&lead.effect.id());
         let is_as_good = |other: &&Lead| {
             other.effect.id() != lead.effect.id() && (other.gain > AS_MUCH * lead.gain || is_lag(lead) && is_lag(other))
         };
@@ -204,7 +203,9 @@ impl Fits<'_> {
         let mut bar = Bar { least_gain: 0.0, most_cost: f64::INFINITY };
         let mut is_all = false;
         for (number, lead) in all.iter().enumerate() {
-            if lead.gain < bar.least_gain {
+            // What a lag's own numbers do to a score is not what they do to a fit: no lag is left out beside another.
+            let is_beside_lag = is_lag(lead) && all[..number].iter().any(|before| is_lag(before));
+            if lead.gain < bar.least_gain && !is_beside_lag {
                 continue;
             }
             (self.say)(&format!("fitting {}", lead.effect.id()), 0.2 + 0.4 * number as f64 / all.len() as f64);
@@ -239,29 +240,38 @@ impl Fits<'_> {
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         self.kin(&mut fits);
-        let fits = self.rivals(fits, leads);
+        let mut fits = self.rivals(fits, leads);
+        // The best may have another form now.
+        self.kin(&mut fits);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { self.shared(fit) } else { fit }).collect()
     }
 
-    /// A rival with a form of the same numbers, as a mass on a mount and a mode that is attached have, must not hang on where its own
-    /// search began: where the best comes to the noise, such rivals are fitted from there.
+    /// A rival must not hang on where its own search began: plants forget nothing, so that one log may be locked in another valley. Rivals of the
+    /// best are fitted from where that ended as well, with the numbers of their own, or, where the best is at the noise, with a form of the same
+    /// numbers, as a mass on a mount and a mode that is attached have.
     fn kin(&self, fits: &mut Vec<Candidate>) {
-        let Some(best) = fits.first().filter(|best| best.chi < AT_NOISE).cloned() else { return };
+        let Some(best) = fits.first().filter(|best| self.left(best) < PAIR_BEYOND).cloned() else { return };
         let Some(own) = best.hypothesis.installed.last() else { return };
+        let is_at_noise = best.chi < AT_NOISE;
         // Numbers that are bent much more than the best one's are where a search happened to end as well.
         let is_bent = |fit: &Candidate| fit.found.prior_cost > best.found.prior_cost + FREED_BESIDES;
         for effect in own.effect.about().rivals.iter().filter_map(|id| find(id)) {
-            let is_known =
-                |fit: &Candidate| fit.hypothesis.ids() == [effect.id()] && fit.chi < AT_NOISE && !is_bent(fit);
-            if self.without.contains(&effect.id()) || fits.iter().any(is_known) {
+            let is_as_good = |fit: &Candidate| (fit.chi - best.chi) * (best.rows() as f64) < RESOLVED;
+            let known = fits.iter().position(|fit| fit.hypothesis.ids() == [effect.id()]);
+            let is_known = known.is_some_and(|known| is_as_good(&fits[known]) && !is_bent(&fits[known]));
+            if self.without.contains(&effect.id()) || is_known {
                 continue;
             }
-            let forms = effect.forms().iter().filter(|form| form.kind == Kind::Predictable);
+            let forms = effect.forms().iter().filter(|form| is_at_noise && form.kind == Kind::Predictable);
             let kin = forms.filter_map(|form| self.search.in_kin(&best, effect, form));
-            let Some(nearest) = kin.min_by(|a, b| a.chi.total_cmp(&b.chi)) else { continue };
-            if nearest.chi < AT_NOISE {
-                fits.retain(|fit| fit.hypothesis.ids() != [effect.id()]);
-                fits.push(nearest);
+            let moved = known.and_then(|known| self.search.in_valley_of(&best, &fits[known]));
+            let Some(nearest) = kin.chain(moved).min_by(|a, b| a.chi.total_cmp(&b.chi)) else { continue };
+            match known {
+                Some(known) if is_bent(&fits[known]) && nearest.chi < AT_NOISE || nearest.chi < fits[known].chi => {
+                    fits[known] = nearest;
+                }
+                None if nearest.chi < AT_NOISE => fits.push(nearest),
+                _ => {}
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
@@ -344,14 +354,16 @@ impl Fits<'_> {
         parameters.iter().map(|parameter| if parameter.per_log { logs } else { 1 }).sum()
     }
 
-    /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised, as the refit has them.
+    /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised or bends them, as the refit has
+    /// them.
     /// It is given up where it soon costs more than `most`.
     fn fit_of(&self, lead: &Lead, most: f64) -> Candidate {
         let to_beat = most.min(WORTH_MORE * self.refit.found.data_cost);
         let fit = self.search.extend_below(self.refit, lead, true, to_beat);
         let promised = 1.0 - (1.0 - lead.share).max(0.0).sqrt();
         let taken = 1.0 - self.left(&fit);
-        if lead.share < PROMISING || fit.chi < AT_NOISE || taken > MUCH_LESS * promised {
+        let is_as_promised = taken > MUCH_LESS * promised && fit.found.prior_cost < FREED_BESIDES;
+        if lead.share < PROMISING || fit.chi < AT_NOISE || is_as_promised {
             return fit;
         }
         better(fit, self.search.extend_below(self.refit, lead, false, to_beat))
@@ -398,10 +410,9 @@ fn chosen(leads: &[Lead]) -> Vec<&Lead> {
     let entries = distinct(leads);
     let best = entries.first().map_or(0.0, |lead| lead.gain);
     let is_hopeless = entries.first().is_none_or(|lead| lead.share < HOPELESS);
-    let lag = entries.iter().take(3).any(|lead| LAGS.contains(&lead.effect.id()));
-    let is_chosen = |(rank, lead): &(usize, &Lead)| {
-        *rank < FIRST || lead.gain > LEAST_SHARE * best || lag && LAGS.contains(&lead.effect.id())
-    };
+    let lag = entries.iter().take(3).any(|lead| is_lag(lead));
+    let is_chosen =
+        |(rank, lead): &(usize, &Lead)| *rank < FIRST || lead.gain > LEAST_SHARE * best || lag && is_lag(lead);
     let most = if is_hopeless { 1 } else { MOST_FITS };
     entries.into_iter().enumerate().filter(is_chosen).map(|(_, lead)| lead).take(most).collect()
 }
@@ -411,6 +422,10 @@ fn chosen(leads: &[Lead]) -> Vec<&Lead> {
 fn offset(leads: &[Lead]) -> Option<Lead> {
     let lead = leads.iter().find(|lead| lead.effect.id() == OFFSET && lead.form.name == "constant")?;
     Some(Lead { gain: leads.first()?.gain, ..lead.clone() })
+}
+
+fn is_lag(lead: &Lead) -> bool {
+    LAGS.contains(&lead.effect.id())
 }
 
 /// The best lead of each effect, in order.

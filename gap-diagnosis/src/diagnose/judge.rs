@@ -16,7 +16,7 @@ pub(super) const LEAST_GAP: f64 = 0.4;
 /// The same of a single log: an effect may show in one experiment only.
 const LEAST_GAP_OF_LOG: f64 = 0.5;
 /// Chi-square that a comparison of two fits resolves.
-const RESOLVED: f64 = 20.0;
+pub(super) const RESOLVED: f64 = 20.0;
 /// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
 const RESTARTS: u64 = 4;
 const LOCAL_MINIMUM: f64 = 400.0;
@@ -50,6 +50,9 @@ pub(super) const AT_NOISE: f64 = 1.06;
 const MOST_OF_NOISE: f64 = 0.3;
 /// Share of jitter's power that may return with the command: where few rows are late, all are late in the mean.
 const OF_LATENESS: f64 = 0.3;
+/// Shares of the excess power that no noise would have, in all logs and in the worst, below which it is noise.
+const NOT_NOISE: f64 = 0.12;
+const NOT_NOISE_OF_LOG: f64 = 0.25;
 /// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 0.007;
@@ -275,9 +278,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         let doubted = explained(best).judged.doubt();
         let beside = by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES);
         explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
-        explanations.extend(by_symmetry(others, best, left, floor, without, FREED_AT_NOISE));
+        explanations.extend(by_symmetry(others, best, left, bent(best, floor), without, FREED_AT_NOISE));
     }
-    explanations.extend(by_symmetry(directions.sure, &refit, rest, floor, without, 0.0));
+    explanations.extend(by_symmetry(directions.sure, &refit, rest, bent(&refit, floor), without, 0.0));
     let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
@@ -398,12 +401,21 @@ fn by_scatter(
         let returning = (scattered.returning - OF_LATENESS).max(0.0) / (1.0 - OF_LATENESS);
         add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(returning.sqrt()));
     }
-    // Noise neither has lines nor follows anything that the registry's directions follow.
-    let even = scattered.unevenness;
-    if even < 1.0 && best_share < HOPELESS && !has_lines {
-        add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), 0.4 * even);
+    // Noise neither has lines nor follows anything that the registry's directions follow, or its octaves tell that it is noise.
+    let is_even = scattered.unevenness < 1.0 && best_share < HOPELESS && !has_lines;
+    let [beyond, beyond_of_log] = scattered.beyond_any_noise;
+    let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG;
+    let left = [(is_even, 0.4 * scattered.unevenness), (is_told, beyond.sqrt())];
+    if let Some(left) = left.into_iter().filter(|(is, _)| *is).map(|(_, left)| left).reduce(f64::min) {
+        add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), left);
     }
     found
+}
+
+/// Least fraction that an effect leaves which the numbers of `fit` tell: numbers that a wrong form has bent say little, at the noise they are what
+/// they are.
+fn bent(fit: &Candidate, floor: f64) -> f64 {
+    if fit.chi < AT_NOISE { floor } else { floor.max(BENT) }
 }
 
 /// Effects that the nominal numbers imitate, on top of `fit`.
@@ -415,8 +427,6 @@ fn by_symmetry(
     without: &[&str],
     least: f64,
 ) -> Vec<Explanation> {
-    // Numbers that a wrong form has bent say little; at the noise they are what they are.
-    let floor = if fit.chi < AT_NOISE { floor } else { floor.max(BENT) };
     freed
         .into_iter()
         .filter(|f| !without.contains(&f.effect) && f.gain() > least)

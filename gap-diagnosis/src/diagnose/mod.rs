@@ -2,7 +2,7 @@
 //!
 //! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]) and where its shapes promise most
-//! (`refine`), full fits ([`search`], in the order of `fits`), what only scatter tells ([`spread`]), periods over place ([`cycles`]), which
+//! (`refine`), full fits ([`search`], in the order of `fits`), what only scatter tells ([`spread`], and `octaves`: whether it is noise), periods over place ([`cycles`]), which
 //! commands and readings were lost (`events`), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all
 //! ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
@@ -25,6 +25,7 @@ pub mod judge;
 pub mod lines;
 mod next;
 pub mod normal;
+mod octaves;
 mod plants;
 mod random;
 pub mod records;

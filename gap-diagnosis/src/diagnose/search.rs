@@ -235,6 +235,17 @@ impl Search<'_> {
         Some(self.replaced(fit, fit.hypothesis.installed.len() - 1, effect, form, &values))
     }
 
+    /// The effect of `other` in the place of the last one of `fit`, from where `fit` ended and with the values of `other`; none where they belong to
+    /// each log.
+    pub fn in_valley_of(&self, fit: &Candidate, other: &Candidate) -> Option<Candidate> {
+        let installed = other.hypothesis.installed.last()?;
+        let is_shared =
+            installed.form.kind == Kind::Predictable && installed.axes.iter().all(|axis| !axis.parameter.per_log);
+        let values = self.bench.values(&other.hypothesis, &other.found.z, 0).pop().filter(|_| is_shared)?;
+        let place = fit.hypothesis.installed.len().checked_sub(1)?;
+        Some(self.replaced(fit, place, installed.effect, installed.form, &values))
+    }
+
     /// A fit with a form of `effect` instead of what is installed at `place`; it is installed last then.
     fn replaced(
         &self,

@@ -1,6 +1,7 @@
 //! Effects that no simulation predicts, read from how the residual scatters: jitter, noise, repeated readings, a converter's lattice.
 
 use super::bench::Bench;
+use super::octaves::beyond_any_noise;
 use super::search::{Remainder, after_run_in};
 use crate::spectra::repeats;
 
@@ -37,6 +38,8 @@ pub struct Scattered {
     pub repeated_m2: f64,
     /// Relative spread of the excess power over the stretches of all logs; noise has the same everywhere.
     pub unevenness: f64,
+    /// Share of the excess power that no noise has whose octaves are alike in all logs, in all and in the worst.
+    pub beyond_any_noise: [f64; 2],
     /// Share of the excess power that comes back with the command where that repeats itself, which nothing random does; zero where it doesn't.
     pub returning: f64,
     /// Relative noise per displacement and the power it accounts for: no entry of the registry, but a rival of jitter.
@@ -106,6 +109,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
         repeated_share: repeats.0 as f64 / count,
         repeated_m2: f64::max(repeats.1, 0.0) / count,
         returning: returning(bench, remainders),
+        beyond_any_noise: beyond_any_noise(bench, remainders),
         unevenness: if mean > 0.0 { variance.sqrt() / mean } else { 0.0 },
         multiplied_m2: multiplied.max(0.0) * mean_y2,
     }

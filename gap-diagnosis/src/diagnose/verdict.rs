@@ -1,6 +1,5 @@
 //! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
 
-use super::gap::ShareOf;
 use super::judge::{Course, Explanation};
 use super::random::{CONFIDENCE, Random};
 use super::search::Search;
@@ -16,6 +15,9 @@ const GOOD: f64 = 0.10;
 /// Fits that leave much, but as much as one another within this share, are one answer as well, up to this fraction.
 const ALIKE: f64 = 0.05;
 const HALF: f64 = 0.5;
+/// Logarithm of a ratio of probabilities beyond which it makes no difference any more, and below which there is none.
+const CERTAIN: f64 = 12.0;
+const NOT_NEEDED: f64 = 0.1;
 /// What of an explanation's probability each of its members gets at least.
 const LEAST_SHARE: f64 = 0.3;
 /// Entries that are decided by priors alone.
@@ -83,13 +85,12 @@ pub(super) fn named<'c>(
     }
 }
 
-/// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives each its
-/// share.
+/// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives most to the one
+/// without which it explains least: a second one may but mend what a first one's form lacks, however much it moves.
 pub(super) fn ranking(
     course: &Course,
     [no_gap, unknown]: [f64; 2],
     named: Option<&Explanation>,
-    shares: &[ShareOf],
     beyond_stated: Option<&Random>,
 ) -> Vec<Ranked> {
     let ids = REGISTRY.iter().map(|effect| effect.id()).chain(["parameter_error", "no_gap", "unknown"]);
@@ -99,18 +100,21 @@ pub(super) fn ranking(
             ranked.probability += probability;
         }
     };
-    let share = |id: &str| shares.iter().find(|share| share.effect == id).map_or(0.0, |share| share.percent);
     for explanation in &course.explanations {
-        let mut members: Vec<&str> = explanation.judged.ids.clone();
-        members.extend(beyond_stated.map(|random| random.effect.id()));
-        members.dedup();
-        let is_named = named.is_some_and(|named| std::ptr::eq(named, explanation));
-        let sum: f64 = members.iter().map(|id| share(id)).sum();
+        let mut members: Vec<(&str, f64)> = if named.is_some_and(|named| std::ptr::eq(named, explanation)) {
+            let own = (explanation.judged.ids.as_slice(), explanation.probability);
+            let all = || course.explanations.iter().map(|other| (other.judged.ids.as_slice(), other.probability));
+            own.0.iter().map(|id| (*id, needed(all(), own, id))).collect()
+        } else {
+            explanation.judged.ids.iter().map(|id| (*id, CERTAIN)).collect()
+        };
+        members.extend(beyond_stated.map(|random| (random.effect.id(), CERTAIN)));
+        members.dedup_by_key(|(id, _)| *id);
+        let sum: f64 = members.iter().map(|(_, needed)| needed).sum();
         let count = members.len() as f64;
         let least = LEAST_SHARE.min(1.0 / count);
-        for id in &members {
-            let own = if is_named && sum > 0.0 { share(id) / sum } else { 1.0 / count };
-            add(id, explanation.probability * (least + (1.0 - count * least) * own));
+        for (id, needed) in &members {
+            add(id, explanation.probability * (least + (1.0 - count * least) * needed / sum));
         }
     }
     match beyond_stated {
@@ -125,6 +129,15 @@ pub(super) fn ranking(
     ranking.iter_mut().for_each(|ranked| ranked.probability /= sum);
     ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     ranking
+}
+
+/// How much an explanation needs its member `id`: logarithm of how much less probable the rest of its members is alone, among `all`.
+fn needed<'e>(all: impl Iterator<Item = (&'e [&'e str], f64)>, (ids, probability): (&[&str], f64), id: &str) -> f64 {
+    let is_rest = |(other, _): &(&[&str], f64)| {
+        other.len() + 1 == ids.len() && ids.iter().all(|own| (*own == id) != other.contains(own))
+    };
+    let without = all.filter(is_rest).map(|(_, probability)| probability).fold(0.0, f64::max);
+    (probability / without.max(f64::MIN_POSITIVE)).ln().clamp(NOT_NEEDED, CERTAIN)
 }
 
 /// The smallest set that holds 90 % of the probability.
@@ -216,6 +229,19 @@ mod tests {
         let ranked = |effect: &str, probability| Ranked { effect: effect.to_owned(), probability };
         assert_eq!(set90(&[ranked("a", 0.95), ranked("b", 0.05)]), ["a"]);
         assert_eq!(set90(&[ranked("a", 0.6), ranked("b", 0.3), ranked("c", 0.1)]), ["a", "b"]);
+    }
+
+    #[test]
+    fn a_member_is_needed_as_much_as_the_rest_is_worse_alone() {
+        let all: [(&[&str], f64); 4] =
+            [(&["creep", "backlash"], 0.6), (&["creep"], 0.2), (&["backlash"], 1e-3), (&["creep", "end_stop"], 0.1)];
+        let of = |id| needed(all.into_iter(), all[0], id);
+        assert!((of("backlash") - 3f64.ln()).abs() < 1e-12, "{}", of("backlash"));
+        assert!((of("creep") - 600f64.ln()).abs() < 1e-12, "{}", of("creep"));
+        // Alone, it is needed for sure, and so it is where nobody tried the rest.
+        assert_eq!(needed(all.into_iter(), all[1], "creep"), CERTAIN);
+        assert_eq!(needed(all.into_iter(), all[3], "creep"), CERTAIN);
+        assert_eq!(needed([(&["creep"][..], 0.9)].into_iter(), all[0], "backlash"), NOT_NEEDED);
     }
 
     #[test]
