@@ -402,10 +402,11 @@ fn by_scatter(
         add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(returning.sqrt()));
     }
     // Noise neither has lines nor follows anything that the registry's directions follow, or its octaves tell that it is noise.
-    let is_even = scattered.unevenness < 1.0 && best_share < HOPELESS && !has_lines;
     let [beyond, beyond_of_log] = scattered.beyond_any_noise;
+    let uneven = scattered.unevenness.hypot(beyond);
+    let is_even = uneven < 1.0 && best_share < HOPELESS && !has_lines;
     let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG;
-    let left = [(is_even, 0.4 * scattered.unevenness), (is_told, beyond.sqrt())];
+    let left = [(is_even, 0.4 * uneven), (is_told, beyond.sqrt())];
     if let Some(left) = left.into_iter().filter(|(is, _)| *is).map(|(_, left)| left).reduce(f64::min) {
         add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), left);
     }

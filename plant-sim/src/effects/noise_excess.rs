@@ -6,14 +6,14 @@ effect!(NoiseExcess, "noise_excess", Sensor);
 
 const ABOUT: About = About {
     title: "excess noise",
-    what: "The reading is noisier than the nominal sensor, white or slow, whatever the plant does.",
+    what: "The reading is noisier than the nominal sensor, white, slow or flickering, whatever the plant does.",
     equation: "y = q + e, e white with rms s, or white noise behind 1 / (1 + T d/dt) with rms s; q: displacement, y: \
-               reading",
+               reading; taken for it is whatever has the power of a + b / f^n, n below 1.6, in all logs, f: frequency",
     source: "table of position sensors in Fleming 2013 (24 ppm capacitive to 230 ppm strain of 100 um at 1 kHz: 2.4 to \
              23 nm), as quoted by tdehaeze's notes",
     typical: "2 to 50 nm",
     installs: "noise of the sensor",
-    signature: "a residual without structure, of one size at rest and in motion",
+    signature: "a residual without structure, of one size at rest and in motion, whose octaves have one power in all logs",
     rivals: &["sampling_jitter", "lost_samples", "quantisation", "mains_hum"],
     experiment: "a record at zero input beside one in motion: noise is alike in both, jitter and lost samples need \
                  motion",
