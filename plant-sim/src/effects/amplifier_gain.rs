@@ -10,8 +10,8 @@ effect!(AmplifierGain, "amplifier_gain", Drive);
 const ABOUT: About = About {
     title: "amplifier gain",
     what: "The amplifier delivers a fixed share more or less than it should.",
-    equation: "v = (1 + g) u, v = (1 + s sign(u)) u, v = (1 + c |u|) u, v = u + h w clamp(u/w, -1, 1) (another gain about zero), v = u \
-               + sum s_i (|u - u_i| - |u_i|) (any curve, u_i evenly over the range), or v = u + s x with T x' + x = u (what is slow has another gain), or v = (1 + a \
+    equation: "v = (1 + g) u, v = (1 + s sign(u)) u, v = (1 + c |u|) u, v = u + h w clamp(u/w, -1, 1) (another gain about zero), or v = \
+               u + s x with T x' + x = u (what is slow has another gain), or v = (1 + a \
                cos wt + b sin wt) u with the ripple of a supply, at the mains' frequency and twice that; u: command, v: drive, g: relative gain error, \
                s: half of the difference between the gains of either polarity (two output stages), c: how the gain \
                grows with the voltage, h: excess of the gain within w, s: excess of the gain of what is slow",
@@ -45,9 +45,6 @@ fn add_ripple(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
     chain.drive.gain *= 1.0 - p.iter().step_by(2).sum::<f64>();
 }
 
-/// How the gain changes at places evenly over the range of the commands.
-const KNOTS: [&str; 5] = ["change_1", "change_2", "change_3", "change_4", "change_5"];
-
 const FORMS: &[Form] = &[
     Form::predictable(
         "gain",
@@ -80,23 +77,6 @@ const FORMS: &[Form] = &[
         |chain, p| {
             let hinge = |at_v: f64| Hinge { at_v, change: 0.5 * p[0] * -at_v.signum() };
             chain.drive.hinges.extend([-p[1], p[1]].map(hinge));
-        },
-    ),
-    Form::predictable(
-        "curve",
-        |scales| {
-            let knots = KNOTS.map(|name| Parameter::signed(name, "", 0.3, 0.01));
-            let [low_v, high_v] = scales.command_v;
-            let apart_v = (high_v - low_v) / (KNOTS.len() + 1) as f64;
-            let [least_v, most_v] = [low_v + 0.8 * apart_v, low_v + 1.2 * apart_v];
-            let first = Parameter::place("first_v", "V", [least_v, most_v], vec![low_v + apart_v]);
-            // Beyond the last command a knot would be a gain.
-            let apart = Parameter::shape("apart_v", "V", [0.8 * apart_v, 1.1 * apart_v], vec![apart_v]);
-            [first, apart].into_iter().chain(knots).collect()
-        },
-        |chain, p| {
-            let hinge = |(knot, &change): (usize, &f64)| Hinge { at_v: p[0] + knot as f64 * p[1], change };
-            chain.drive.hinges.extend(p[2..].iter().enumerate().map(hinge));
         },
     ),
     // Resistors divide what is slow and capacitors what is fast; where they don't agree, one of both gains is wrong.
