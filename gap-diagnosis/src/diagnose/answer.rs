@@ -11,7 +11,7 @@ use super::plants::{Benches, Played, Variant};
 use super::random::{Random, beyond_stated, lost, repeated, size_of_scatter};
 use super::screen::Lead;
 use super::search::Search;
-use super::verdict::{Class, Ranked, Verdict, named, ranking, set90};
+use super::verdict::{Class, Ranked, Verdict, leading, named, probability, ranking, set90};
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
 use crate::locate::{StagePart, Trace, Where, locate, strongest};
@@ -269,7 +269,7 @@ pub(super) fn answer(
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
         verdict,
-        stage: leading(&effects, &ranking).and_then(|id| stage(id, found.wrong())),
+        stage: leading(&effects, |id| probability(&ranking, id)).and_then(|id| stage(id, found.wrong())),
         effects,
         ranking,
         set90,
@@ -348,12 +348,6 @@ fn effects(
     ids.sort_by(|a, b| share(b).total_cmp(&share(a)));
     ids.dedup();
     ids.into_iter().map(str::to_owned).collect()
-}
-
-/// The most probable of the named effects.
-fn leading<'e>(effects: &'e [String], ranking: &[Ranked]) -> Option<&'e str> {
-    let rank = |id: &&String| ranking.iter().position(|ranked| ranked.effect == **id);
-    effects.iter().min_by_key(rank).map(String::as_str)
 }
 
 /// Where an entry acts; a wrong number acts where the number is.

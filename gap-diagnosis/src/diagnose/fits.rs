@@ -240,9 +240,7 @@ impl Fits<'_> {
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         self.kin(&mut fits);
-        let mut fits = self.rivals(fits, leads);
-        // The best may have another form now.
-        self.kin(&mut fits);
+        let fits = self.rivals(fits, leads);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { self.shared(fit) } else { fit }).collect()
     }
 
@@ -387,6 +385,8 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        // The best may have another form now.
+        self.kin(&mut fits);
         fits
     }
 }

@@ -44,6 +44,7 @@ pub use error::DiagnoseError;
 pub use gap::{Gap, ShareOf};
 pub use judge::Say;
 pub use next::NextExperiment;
+pub(crate) use verdict::leading;
 pub use verdict::{Class, Ranked, Verdict};
 
 use bench::{Bench, Freedom};

@@ -3,6 +3,7 @@
 
 use super::bench::Bench;
 use super::search::{Remainder, after_run_in};
+use std::borrow::Cow;
 
 /// Least number of pairs of stretches from which an octave's power is read.
 const LEAST_PAIRS: usize = 8;
@@ -58,7 +59,7 @@ pub(super) fn beyond_any_noise(bench: &Bench<'_>, remainders: &[Remainder]) -> [
 
 /// Powers of a log's octaves, fastest first: mean squares of its Haar wavelets.
 fn octaves(log: usize, residual_m: &[f64]) -> Vec<Octave> {
-    let mut sums = residual_m.to_vec();
+    let mut sums = Cow::Borrowed(residual_m);
     let mut octaves = Vec::new();
     for level in 0.. {
         let pairs = sums.len() / 2;

@@ -140,6 +140,17 @@ fn needed<'e>(all: impl Iterator<Item = (&'e [&'e str], f64)>, (ids, probability
     (probability / without.max(f64::MIN_POSITIVE)).ln().clamp(NOT_NEEDED, CERTAIN)
 }
 
+/// The most probable of the named effects, of equals the first. Not the one with the largest share: a wrong number may move more than the effect
+/// that is surely there.
+pub(crate) fn leading(effects: &[String], probability: impl Fn(&str) -> f64) -> Option<&str> {
+    effects.iter().map(String::as_str).rev().max_by(|a, b| probability(a).total_cmp(&probability(b)))
+}
+
+/// Probability of one entry.
+pub(super) fn probability(ranking: &[Ranked], id: &str) -> f64 {
+    ranking.iter().find(|ranked| ranked.effect == id).map_or(0.0, |ranked| ranked.probability)
+}
+
 /// The smallest set that holds 90 % of the probability.
 pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
     let mut sum = 0.0;
@@ -229,6 +240,16 @@ mod tests {
         let ranked = |effect: &str, probability| Ranked { effect: effect.to_owned(), probability };
         assert_eq!(set90(&[ranked("a", 0.95), ranked("b", 0.05)]), ["a"]);
         assert_eq!(set90(&[ranked("a", 0.6), ranked("b", 0.3), ranked("c", 0.1)]), ["a", "b"]);
+    }
+
+    #[test]
+    fn of_equally_probable_names_the_first_leads() {
+        let names = ["creep", "backlash", "end_stop"].map(str::to_owned);
+        let of = |probabilities: [f64; 3]| {
+            leading(&names, |id| probabilities[names.iter().position(|name| name == id).unwrap()]).unwrap()
+        };
+        assert_eq!([of([0.4, 0.4, 0.2]), of([0.2, 0.4, 0.4]), of([0.2, 0.3, 0.5])], ["creep", "backlash", "end_stop"]);
+        assert_eq!(leading(&[], |_| 1.0), None);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! One case: what is so, what was answered, and whether that is right.
 
+use crate::diagnose::leading;
 use serde::{Deserialize, Serialize};
 
 /// The answer that there is no gap.
@@ -162,17 +163,13 @@ impl Answer {
         Ok(answer)
     }
 
-    /// The leading name: the most probable of the named effects, `unknown` or `no_gap`. Not the one with the largest share: a wrong
-    /// number may move more than the effect that is surely there.
+    /// The leading name: the most probable of the named effects, `unknown` or `no_gap`.
     pub fn name(&self) -> &str {
         match self.verdict {
             Verdict::NoGap => NO_GAP,
             Verdict::Unknown => UNKNOWN,
-            // Of equals the first; an explained gap has a name, `parse` has seen to that.
-            Verdict::Explained => {
-                let more = |a: &&String, b: &&String| self.probability(a).total_cmp(&self.probability(b));
-                self.effects.iter().rev().max_by(more).map_or(UNKNOWN, String::as_str)
-            }
+            // An explained gap has a name, `parse` has seen to that.
+            Verdict::Explained => leading(&self.effects, |name| self.probability(name)).unwrap_or(UNKNOWN),
         }
     }
 
