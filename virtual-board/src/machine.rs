@@ -1,8 +1,10 @@
 //! Core and chip together: rsemu's Cortex-M4F, memory, the interrupt lines, and what is measured on the way.
 //!
-//! **The guard against rsemu 0.0.7.** That version drops ITSTATE from the stacked xPSR, so that an interrupt taken inside of an IT
+//! **The guards against rsemu 0.0.7.** That version drops ITSTATE from the stacked xPSR, so that an interrupt taken inside of an IT
 //! block corrupts the interrupted code. Interrupt lines are therefore held low while the core is inside of one; [`Machine::run`] also checks
-//! that no exception was entered from inside of one all the same, and fails if so.
+//! that no exception was entered from inside of one all the same, and fails if so. And it clears FPSCR on entry to a handler before the
+//! lazy floating-point frame is written, where the architecture (DDI 0403E B1.5.7) saves what was there: an interrupt between a
+//! floating-point comparison and its use would turn the comparison's outcome round. FPSCR is therefore put back while that frame is owed.
 
 use crate::chip::strict::Unmodelled;
 use crate::chip::{Chip, IRQS, Memory, Reset};
@@ -12,6 +14,7 @@ use rsemu::core::space::{
     AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult, RamStore, Region, RomStore, RomWrite,
 };
 use rsemu::core::value::Width;
+use rsemu::cpu::arm::v7m::sys::fpccr;
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -168,6 +171,7 @@ pub struct Machine {
     under_way: Option<(u64, u64, u64)>,
     exception: u16,
     is_guard_on: bool,
+    keeps_flags: bool,
     /// A core that has locked up stands still while the chip goes on; else that is an error.
     goes_on_locked: bool,
     /// Exception number of the control interrupt.
@@ -236,6 +240,7 @@ impl Machine {
             under_way: None,
             exception: 0,
             is_guard_on: true,
+            keeps_flags: true,
             goes_on_locked: false,
             control,
         }
@@ -302,6 +307,11 @@ impl Machine {
     /// Takes the guard away, for the test that shows what it is for.
     pub fn drop_guard(&mut self) {
         self.is_guard_on = false;
+    }
+
+    /// Lets interrupts clear the flags of floating-point comparisons, for the test that shows what is kept and why.
+    pub fn lose_flags(&mut self) {
+        self.keeps_flags = false;
     }
 
     /// Stops the core for `cycles` while the chip goes on, as a debugger does that halts it.
@@ -415,11 +425,14 @@ impl Machine {
         if self.goes_on_locked && self.core.is_locked_up() {
             return Ok(1);
         }
-        let before = self.core.xpsr();
+        let (before, flags) = (self.core.xpsr(), self.core.fpscr());
         let cycles = self.core.step();
         self.instructions += 1;
         let exception = self.core.current_exception().0;
         if exception != self.exception {
+            if self.keeps_flags && self.core.with_sys(|system| system.fpccr & fpccr::LSPACT != 0) {
+                self.core.set_fpscr(flags);
+            }
             self.change_exception(now, exception, before & IT != 0)?;
         }
         if let Some(calls) = &mut self.calls {

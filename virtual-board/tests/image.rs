@@ -377,13 +377,38 @@ fn without_the_guard_an_interrupt_hits_an_it_block_and_is_found_out() {
     let mut found = None;
     // Requests at every phase of the sampling: most of the time the core sleeps, and what it does after a request is what can be hit.
     for k in 0..1000 {
-        if let Err(error) = board.run_cycles(10_000 + 37 * k % PERIOD).and_then(|()| board.status()) {
+        if let Err(error) = board.run_cycles(10_000 + 1009 * k % PERIOD).and_then(|()| board.status()) {
             found = Some(error);
             break;
         }
     }
     let found = found.expect("the guard is not needed any more?");
     assert!(matches!(found, BoardError::Machine(MachineError::ItBlock { .. })), "{found}");
+}
+
+/// A set of parameters is compared with the one in force while the control interrupt comes at any instruction of it. Where the flags of a
+/// comparison are lost then, two equal numbers differ sooner or later and a change of the law is refused; where they are kept, at none of
+/// the phases up to that one.
+#[test]
+fn the_law_changes_at_any_phase_of_the_interrupt() {
+    let first_refused = |keeps_flags: bool, orders: u64| {
+        let mut board = board()?;
+        start(&mut board, &[SINE], true);
+        if !keeps_flags {
+            board.machine.lose_flags();
+        }
+        (0..orders).find(|k| {
+            board.run_cycles(10_000 + 37 * k % PERIOD).unwrap();
+            let law = Parameters { kp_v_per_m: 4e5 + *k as f32, ..Parameters::NUCLEO_PI1 };
+            board.order(&ToBoard::SetParameters(law)).is_err()
+        })
+    };
+    if board().is_none() {
+        return;
+    }
+    let found = first_refused(false, 4000).expect("FPSCR need not be put back any more?");
+    println!("refused at order {found} where flags are lost");
+    assert_eq!(first_refused(true, found + 1), None);
 }
 
 /// No call to a panic, to software floating point or to 64-bit division is left in what the control interrupt runs from.
