@@ -377,7 +377,7 @@ fn without_the_guard_an_interrupt_hits_an_it_block_and_is_found_out() {
     let mut found = None;
     // Requests at every phase of the sampling: most of the time the core sleeps, and what it does after a request is what can be hit.
     for k in 0..1000 {
-        if let Err(error) = board.run_cycles(10_000 + 1009 * k % PERIOD).and_then(|()| board.status()) {
+        if let Err(error) = board.run_cycles(10_000 + 37 * k % PERIOD).and_then(|()| board.status()) {
             found = Some(error);
             break;
         }
@@ -391,24 +391,19 @@ fn without_the_guard_an_interrupt_hits_an_it_block_and_is_found_out() {
 /// the phases up to that one.
 #[test]
 fn the_law_changes_at_any_phase_of_the_interrupt() {
-    let first_refused = |keeps_flags: bool, orders: u64| {
-        let mut board = board()?;
-        start(&mut board, &[SINE], true);
-        if !keeps_flags {
-            board.machine.lose_flags();
-        }
+    let (Some(mut losing), Some(mut keeping)) = (board(), board()) else { return };
+    losing.machine.lose_flags();
+    let first_refused = |board: &mut VirtualBoard, orders: u64| {
+        start(board, &[SINE], true);
         (0..orders).find(|k| {
             board.run_cycles(10_000 + 37 * k % PERIOD).unwrap();
             let law = Parameters { kp_v_per_m: 4e5 + *k as f32, ..Parameters::NUCLEO_PI1 };
             board.order(&ToBoard::SetParameters(law)).is_err()
         })
     };
-    if board().is_none() {
-        return;
-    }
-    let found = first_refused(false, 4000).expect("FPSCR need not be put back any more?");
+    let found = first_refused(&mut losing, 4000).expect("FPSCR need not be put back any more?");
     println!("refused at order {found} where flags are lost");
-    assert_eq!(first_refused(true, found + 1), None);
+    assert_eq!(first_refused(&mut keeping, found + 1), None);
 }
 
 /// No call to a panic, to software floating point or to 64-bit division is left in what the control interrupt runs from.
