@@ -3,12 +3,12 @@
 use super::bench::{Bench, Freedom, Record};
 use super::descend::{covariance, descend};
 use super::judge::Explanation;
-use super::plants::{Benches, Variant, carry};
+use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
 use super::search::{Candidate, Search};
 use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector, DVectorView};
 use plant_sim::effects::find;
 use plant_sim::model::Model;
 use plant_sim::param::Param;
@@ -22,6 +22,12 @@ const AGAIN: [f64; 2] = [3.0, 0.0];
 const NEAR: f64 = 1.2;
 /// Median of a normal's square in shares of its mean.
 const MEDIAN_OF_SQUARE: f64 = 0.455;
+/// Below this sigma, as a logarithm, a plant is linear in its numbers.
+const LINEAR: f64 = 1e-3;
+/// Squares that a move by one sigma may cost on the fitted logs, in units of independent noise; 1 at most where the plant is linear.
+const ALLOWED: f64 = 2.0;
+/// How often a move that costs more is halved.
+const SHORTER: i32 = 8;
 /// A nominal number has moved beyond this many of its sigma.
 const MOVED: f64 = 3.0;
 /// A start coordinate whose sigma is still this share of its prior's is not determined.
@@ -61,6 +67,8 @@ pub(super) struct Augmented {
     pub variant: Variant,
     /// Covariance of the coordinates, residuals correlated as they are.
     covariance: Option<DMatrix<f64>>,
+    /// Weight of a fitted row of each log in it, per square metre.
+    weights: Vec<f64>,
     /// What the nominal numbers imitate, if that is named.
     freed: Option<Freed>,
     /// Effects that no prediction shows.
@@ -86,9 +94,10 @@ pub(super) fn augment(
             let z = base.found.z.clone();
             base.found = descend(fine, &base.hypothesis, z, &AGAIN[1..], f64::INFINITY, search.simulations);
         }
-        let covariance = covariance(bench, &base.hypothesis, &base.found, &search.independent_weights(&base));
+        let weights = search.independent_weights(&base);
+        let covariance = covariance(bench, &base.hypothesis, &base.found, &weights);
         let variant = Variant { hypothesis: base.hypothesis, z: base.found.z, starts_known: true };
-        return Augmented { variant, covariance, freed: None, random };
+        return Augmented { variant, covariance, weights, freed: None, random };
     };
     let again = |bench: &Bench<'_>, hypothesis, z| {
         let found = descend(bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
@@ -96,7 +105,7 @@ pub(super) fn augment(
         let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
         let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
         let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-        Augmented { variant, covariance, freed: Some(freed.clone()), random }
+        Augmented { variant, covariance, weights, freed: Some(freed.clone()), random }
     };
     if let Some(effect) = find(freed.effect) {
         let form = &effect.forms()[0];
@@ -125,13 +134,42 @@ impl Augmented {
     pub fn spread2_m2(&self, benches: &Benches<'_>) -> f64 {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
-        let covariance = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
-        let axes = covariance.eigenvalues.iter().zip(covariance.eigenvectors.column_iter());
-        let moves: Vec<Vec<f64>> = axes
-            .filter(|(variance, _)| **variance > 0.0)
-            .map(|(variance, direction)| direction.iter().map(|along| variance.sqrt() * along).collect())
-            .collect();
+        let axes = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
+        let fitted = benches.play_fitted(&self.variant);
+        let one = |(variance, direction): (&f64, DVectorView<'_, f64>)| {
+            let sigma = variance.sqrt();
+            let reach = if sigma > LINEAR {
+                // What each log has of its own goes along.
+                let along = covariance.columns(0, shared) * direction / sigma;
+                let [there, back] = [1.0, -1.0].map(|sign| self.reach(benches, &fitted, &(sign * &along)));
+                let farther = if back > there { -1.0 } else { 1.0 };
+                farther * (0.5 * (there.powi(2) + back.powi(2))).sqrt()
+            } else {
+                1.0
+            };
+            direction.iter().map(|along| reach * sigma * along).collect()
+        };
+        let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
+        let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
         MEDIAN_OF_SQUARE * benches.mean_square_moved_m2(&self.variant, &moves)
+    }
+
+    /// Share of the move `along` after which the fitted logs, `fitted` without it, still allow the plant. The covariance is that of a
+    /// linear plant: a hysteron's start moves nothing near its dead zone's middle, and far from there everything.
+    fn reach(&self, benches: &Benches<'_>, fitted: &[Played], along: &DVector<f64>) -> f64 {
+        let cost = |share: f64| -> f64 {
+            let mut moved = self.variant.clone();
+            moved.z.iter_mut().zip(along.iter()).for_each(|(z, by)| *z += share * by);
+            let one = |((here, there), (record, weight)): ((&Played, &Played), (&Record<'_>, &f64))| {
+                let rows = here.iter().zip(there).skip(record.run_in);
+                weight * rows.map(|(here, there)| (here - there).powi(2)).sum::<f64>()
+            };
+            let logs = benches.fitted.records.iter().zip(&self.weights);
+            fitted.iter().zip(&benches.play_fitted(&moved)).zip(logs).map(one).sum()
+        };
+        // One that is no number is not allowed either.
+        let mut shares = (0..SHORTER).map(|halvings| 0.5_f64.powi(halvings));
+        shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
     }
 
     /// The number that is wrong, for `parameter_error`.

@@ -72,9 +72,14 @@ impl<'a> Benches<'a> {
 
     /// What `variant` predicts for all logs, fitted ones first.
     pub fn play(&self, variant: &Variant) -> Vec<Played> {
-        let mut played = play_on(&self.fitted, &variant.hypothesis, &variant.z, !variant.starts_known);
+        let mut played = self.play_fitted(variant);
         played.extend(self.play_held(variant));
         played
+    }
+
+    /// What `variant` predicts for the fitted logs.
+    pub fn play_fitted(&self, variant: &Variant) -> Vec<Played> {
+        play_on(&self.fitted, &variant.hypothesis, &variant.z, !variant.starts_known)
     }
 
     /// What `variant` predicts for the held-out logs.
