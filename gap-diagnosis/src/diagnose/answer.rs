@@ -1,7 +1,7 @@
 //! The answer: what `diagnosis.json` says (schema `hysteron-diagnosis-1`), and what the page needs beside it.
 
 use super::augment::{Augmented, Changed, Estimate, augment};
-use super::bench::Bench;
+use super::bench::{Bench, Record};
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
 use super::gap::{Gap, LeftWith, ShareOf, Three, expected, gap, shares};
@@ -320,16 +320,33 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
         let mut silent = found.variant.part(fitted, true, |i| !of_lines(i));
         silent.starts_known = true;
         let silent = benches.play(&silent);
-        let (mut rows, mut sum) = (0.0, 0.0);
-        for (with, without) in augmented.iter().zip(&silent).take(fitted.records.len()) {
-            rows += with.len() as f64;
-            sum += with.iter().zip(without).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        }
-        sum / rows
+        let parts = augmented.iter().zip(&silent).zip(&fitted.records);
+        let parts = parts.map(|((with, without), record)| (record.log.dt_s, difference2(with, without)));
+        let lasts_s = |record: &Record<'_>| record.log.len() as f64 * record.log.dt_s;
+        let held_s: Vec<f64> = benches.held.iter().flat_map(|held| &held.records).map(lasts_s).collect();
+        mean_while_held(parts, &held_s)
     } else {
         0.0
     };
     Three { nominal: benches.play(&nominal), refit: played, augmented, not_portable_m2 }
+}
+
+fn difference2(one: &[f64], other: &[f64]) -> Vec<f64> {
+    one.iter().zip(other).map(|(a, b)| (a - b).powi(2)).collect()
+}
+
+/// Mean of fitted logs' rows (each with the seconds between them) over as long as each held-out log lasts, `held_s`: a drift grows, and what
+/// a long log shows of it is not asked of a short one.
+fn mean_while_held(logs: impl Iterator<Item = (f64, Vec<f64>)>, held_s: &[f64]) -> f64 {
+    let (mut rows, mut sum) = (0usize, 0.0);
+    for (dt_s, values) in logs {
+        for held_s in held_s {
+            let alike = &values[..values.len().min((held_s / dt_s).round() as usize)];
+            rows += alike.len();
+            sum += alike.iter().sum::<f64>();
+        }
+    }
+    sum / rows.max(1) as f64
 }
 
 /// Identifiers, largest share first.
@@ -466,7 +483,7 @@ fn unexplained(benches: &Benches<'_>, augmented: &[Played], location: &Where) ->
 
 fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
     let fitted = benches.fitted.records.len();
-    let one = |(index, record): (usize, &super::bench::Record<'_>)| {
+    let one = |(index, record): (usize, &Record<'_>)| {
         let log = record.log;
         let stride = log.len().div_ceil(PAGE_ROWS).max(1);
         let thin = |values: &[f64]| values.iter().step_by(stride).copied().collect::<Vec<f64>>();
@@ -498,4 +515,22 @@ fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
         left: e.judged.left,
     };
     others.map(rival).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_log_counts_for_no_longer_than_a_held_out_one_lasts() {
+        let drift2 = |rows: usize| (0..rows).map(|row| (row as f64).powi(2)).collect::<Vec<f64>>();
+        // Ten rows and a hundred, of which a held-out log of ten seconds sees ten each, and one of five seconds five.
+        let mean = |held_s: &[f64]| mean_while_held([(1.0, drift2(10)), (1.0, drift2(100))].into_iter(), held_s);
+        assert_eq!(mean(&[10.0]), 28.5);
+        assert_eq!(mean(&[5.0]), 6.0);
+        assert_eq!(mean(&[10.0, 5.0]), (2.0 * 285.0 + 2.0 * 30.0) / 30.0);
+        // Half as many seconds between rows: twice as many rows.
+        assert_eq!(mean_while_held([(0.5, drift2(100))].into_iter(), &[5.0]), 28.5);
+        assert_eq!(mean(&[]), 0.0);
+    }
 }

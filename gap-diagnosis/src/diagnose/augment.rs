@@ -70,7 +70,7 @@ pub(super) struct Augmented {
     /// Weight of a fitted row of each log in it, per square metre.
     weights: Vec<f64>,
     /// What the nominal numbers imitate, if that is named.
-    freed: Option<Freed>,
+    freed: Vec<Freed>,
     /// Effects that no prediction shows.
     pub random: Vec<Random>,
 }
@@ -86,8 +86,8 @@ pub(super) fn augment(
 ) -> Augmented {
     let bench = search.bench;
     let base = named.map_or(refit, |explanation| &explanation.candidate);
-    let freed = named.and_then(|explanation| explanation.freed.as_ref());
-    let Some(freed) = freed else {
+    let freed = named.map(|explanation| explanation.freed.clone()).unwrap_or_default();
+    if freed.is_empty() {
         let mut base = base.clone();
         let has_laws = bench.chain_at(&base.hypothesis, &base.found.z, 0).parts.need_substeps();
         if has_laws && base.chi < NEAR {
@@ -97,35 +97,33 @@ pub(super) fn augment(
         let weights = search.independent_weights(&base);
         let covariance = covariance(bench, &base.hypothesis, &base.found, &weights);
         let variant = Variant { hypothesis: base.hypothesis, z: base.found.z, starts_known: true };
-        return Augmented { variant, covariance, weights, freed: None, random };
-    };
-    let again = |bench: &Bench<'_>, hypothesis, z| {
-        let found = descend(bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
-        let candidate = Candidate { hypothesis, found, ..base.clone() };
-        let weights = Search { bench, simulations: search.simulations }.independent_weights(&candidate);
-        let covariance = covariance(bench, &candidate.hypothesis, &candidate.found, &weights);
-        let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-        Augmented { variant, covariance, weights, freed: Some(freed.clone()), random }
-    };
-    if let Some(effect) = find(freed.effect) {
-        let form = &effect.forms()[0];
-        let hypothesis = base.hypothesis.with(effect, form, &bench.scales());
-        let mut z = carry(bench, &base.hypothesis, &base.found.z, bench, &hypothesis, true);
-        if let Some((_, _, direction)) = directions(bench).iter().find(|(id, _, _)| *id == freed.effect) {
-            for (z, along) in z.iter_mut().zip(direction.iter()) {
-                *z -= freed.along * along;
-            }
-        }
-        bench.set_last(&hypothesis, &mut z, &[freed.value]);
-        return again(bench, hypothesis, z);
+        return Augmented { variant, covariance, weights, freed, random };
     }
-    // A wrong number: what the file claims for it doesn't hold it any more.
     let mut model = bench.model.clone();
-    if let Some(quantity) = freed.quantity {
-        quantity.record(&mut model).sigma = Some(NO_PRIOR);
+    let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
+    for one in &freed {
+        if let Some(effect) = find(one.effect) {
+            let with = hypothesis.with(effect, &effect.forms()[0], &bench.scales());
+            z = carry(bench, &hypothesis, &z, bench, &with, true);
+            hypothesis = with;
+            if let Some((_, _, direction)) = directions(bench).iter().find(|(id, _, _)| *id == one.effect) {
+                for (z, along) in z.iter_mut().zip(direction.iter()) {
+                    *z -= one.along * along;
+                }
+            }
+            bench.set_last(&hypothesis, &mut z, &[one.value]);
+        } else if let Some(quantity) = one.quantity {
+            // A wrong number: what the file claims for it doesn't hold it any more.
+            quantity.record(&mut model).sigma = Some(NO_PRIOR);
+        }
     }
-    let records: Vec<Record<'_>> = bench.records.clone();
-    again(&Bench::new(&model, records), base.hypothesis.clone(), base.found.z.clone())
+    let bench = Bench::new(&model, bench.records.clone());
+    let found = descend(&bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
+    let candidate = Candidate { hypothesis, found, ..base.clone() };
+    let weights = Search { bench: &bench, simulations: search.simulations }.independent_weights(&candidate);
+    let covariance = covariance(&bench, &candidate.hypothesis, &candidate.found, &weights);
+    let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
+    Augmented { variant, covariance, weights, freed, random }
 }
 
 impl Augmented {
@@ -154,10 +152,10 @@ impl Augmented {
         MEDIAN_OF_SQUARE * benches.mean_square_moved_m2(&self.variant, &moves)
     }
 
-    /// Share of the move `along` after which the fitted logs, `fitted` without it, still allow the plant. The covariance is that of a
-    /// linear plant: a hysteron's start moves nothing near its dead zone's middle, and far from there everything.
+    /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start
+    /// moves nothing near its dead zone's middle, and far from there everything.
     fn reach(&self, benches: &Benches<'_>, fitted: &[Played], along: &DVector<f64>) -> f64 {
-        let cost = |share: f64| -> f64 {
+        reach(|share| {
             let mut moved = self.variant.clone();
             moved.z.iter_mut().zip(along.iter()).for_each(|(z, by)| *z += share * by);
             let one = |((here, there), (record, weight)): ((&Played, &Played), (&Record<'_>, &f64))| {
@@ -166,15 +164,12 @@ impl Augmented {
             };
             let logs = benches.fitted.records.iter().zip(&self.weights);
             fitted.iter().zip(&benches.play_fitted(&moved)).zip(logs).map(one).sum()
-        };
-        // One that is no number is not allowed either.
-        let mut shares = (0..SHORTER).map(|halvings| 0.5_f64.powi(halvings));
-        shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
+        })
     }
 
     /// The number that is wrong, for `parameter_error`.
     pub fn wrong(&self) -> Option<Quantity> {
-        self.freed.as_ref().and_then(|freed| freed.quantity)
+        self.freed.iter().find_map(|freed| freed.quantity)
     }
 
     fn sigma(&self, place: usize) -> f64 {
@@ -203,7 +198,7 @@ impl Augmented {
                     one(0)
                 };
                 // Along a direction in which the prediction doesn't change only the priors know anything, and finite differences less.
-                let imitated = self.freed.as_ref().filter(|freed| freed.effect == installed.effect.id());
+                let imitated = self.freed.iter().find(|freed| freed.effect == installed.effect.id());
                 let sigma = imitated.map_or(sigma, |freed| sigma.max(freed.value_sigma));
                 estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
             }
@@ -300,5 +295,26 @@ fn log_factor(scale: Scale, z: f64) -> f64 {
     match scale {
         Scale::Log { bound } => bound * (z / bound).tanh(),
         Scale::Shift { .. } | Scale::NotNegative { .. } => z,
+    }
+}
+
+/// The largest share of a move, halved as often as it takes, that costs no more than is allowed; nothing where none does.
+fn reach(cost: impl Fn(f64) -> f64) -> f64 {
+    // A cost that is no number is not allowed either.
+    let mut shares = (0..SHORTER).map(|halvings| 0.5_f64.powi(halvings));
+    shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_reaches_as_far_as_the_logs_allow() {
+        assert_eq!(reach(|share| share * share), 1.0);
+        assert_eq!(reach(|share| 40.0 * share * share), 0.125);
+        // A dead zone that ends after a third of the way.
+        assert_eq!(reach(|share| 1e6 * (share - 1.0 / 3.0).max(0.0)), 0.25);
+        assert_eq!(reach(|_| f64::NAN), 0.0);
     }
 }

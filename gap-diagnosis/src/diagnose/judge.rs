@@ -6,9 +6,9 @@ use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
 use super::records::ROUGH;
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Search};
+use super::search::{Candidate, Remainder, Search};
 use super::spread::{Scattered, scattered};
-use super::symmetry::{Freed, along, freed};
+use super::symmetry::{Freed, Shifts, along, freed};
 use plant_sim::effects::{Effect, Form, find};
 
 /// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
@@ -35,7 +35,11 @@ const FREED_FIRST: f64 = 300.0;
 const FREED_OF_ALL: f64 = 25.0;
 /// A direction that moves readings by so many times what the refit leaves is no trace of what else is wrong.
 const MUCH_LARGER: f64 = 8.0;
+/// .. and by so many times where it pays for six sigma only.
+const FAR_LARGER: f64 = 30.0;
 const PAYS_FOR_ALL: f64 = 0.05;
+/// Entries that shift the displacement as a whole.
+const OFFSETS: [&str; 2] = ["sensor_offset", "asymmetric_hysteresis"];
 pub(super) const NEARLY_ALL: f64 = 0.1;
 /// A fit that leaves more than this says nothing of a direction.
 const MOSTLY: f64 = 0.35;
@@ -66,8 +70,8 @@ pub struct Explanation {
     pub probability: f64,
     /// The fit, or the refit where the effect is not in the simulation.
     pub candidate: Candidate,
-    /// The direction that was freed, for an effect that the nominal numbers imitate.
-    pub freed: Option<Freed>,
+    /// The directions that were freed, for effects that the nominal numbers imitate.
+    pub freed: Vec<Freed>,
     /// Probability that the fit beside a direction that is sure by itself is none of the registry's.
     pub doubted: f64,
     /// For an effect that no simulation predicts: its form, and the scatter that tells its number.
@@ -85,12 +89,12 @@ impl Explanation {
             prior_cost: candidate.found.prior_cost,
             parameters: candidate.hypothesis.parameters(),
         };
-        Self { judged, probability: 0.0, candidate: candidate.clone(), freed: None, doubted: 0.0, scatter: None }
+        Self { judged, probability: 0.0, candidate: candidate.clone(), freed: Vec::new(), doubted: 0.0, scatter: None }
     }
 
     /// Chi-square that speaks against it beforehand.
     fn rarer(&self) -> f64 {
-        self.freed.as_ref().map_or(0.0, |freed| freed.rarer)
+        self.freed.iter().map(|freed| freed.rarer).sum()
     }
 
     /// The same with `id` beside it, which no simulation shows.
@@ -105,7 +109,8 @@ impl Explanation {
         let mut explanation = self.and(freed.effect);
         explanation.judged.left *= rest;
         explanation.judged.prior_cost = freed.cost;
-        Self { freed: Some(freed.clone()), ..explanation }
+        explanation.freed.push(freed.clone());
+        explanation
     }
 }
 
@@ -211,11 +216,16 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     // Least fraction that a comparison of fits resolves.
     let floor = (RESOLVED / (refit.rows() as f64 * excess.max(1e-9))).sqrt().min(1.0);
     if !has_gap(&refit) {
-        let freed = freed(search, &refit);
+        let shifts = Shifts::of(search, &refit);
+        let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
         // Only the cost of the shifts speaks, and it is a proper chi-square; what the mass is off by is a shift as well.
         let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
-        let explanations = by_symmetry(freed, &refit, 0.0, floor, without, 0.0);
-        let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE;
+        // One direction that leaves ordinary shifts is enough.
+        let is_one = freed.first().is_none_or(|freed| freed.cost < BENT_COST);
+        let pairs = shifts.filter(|_| !is_one).map_or_else(Vec::new, |shifts| shifts.in_pairs());
+        let mut explanations = by_symmetry(freed, &refit, 0.0, floor, without, 0.0);
+        explanations.extend(by_symmetry(pairs, &refit, 0.0, floor, without, FREED_AT_NOISE));
+        let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE * e.freed.len() as f64;
         let mut scores: Vec<f64> = explanations.iter().map(score).collect();
         scores.push(nothing);
         let doubts = vec![NO_UNKNOWN; scores.len()];
@@ -231,7 +241,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
     let explained = |fit: &Candidate| {
         let mut explanation = Explanation::by_fit(fit, fit.left(&refit, noise), floor);
-        explanation.judged.of_worst = left_of_worst(search, fit, &refit);
+        explanation.judged.of_worst = left_of_worst(search, fit, &refit, &[]);
         explanation
     };
     let mut explanations: Vec<Explanation> = fits.iter().map(explained).collect();
@@ -245,11 +255,13 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     if let Some((best, left)) =
         best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left > PAIR_BEYOND)
     {
-        let beside = self::scattered(bench, &search.play(best), false);
+        let remainders = search.play(best);
+        let beside = self::scattered(bench, &remainders, false);
         let both = scatter_of(&beside, best).into_iter().map(|mut explanation| {
             explanation.judged.left *= left;
-            // Scatter explains no log that the fit beside it misses.
-            explanation.judged.of_worst = left_of_worst(search, best, &refit);
+            // Scatter explains no log that the fit beside it misses by more.
+            let scatter_m2 = scatter_of_logs(&explanation, bench, &remainders);
+            explanation.judged.of_worst = left_of_worst(search, best, &refit, &scatter_m2);
             explanation
         });
         explanations.extend(both);
@@ -268,19 +280,26 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
             freed(search, best).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
         let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
         let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
-        let others: Vec<Freed> = others.into_iter().filter(|freed| left < FOUND && is_believed(freed)).collect();
+        let is_known = |freed: &Freed| left < FOUND && is_believed(freed) || is_large(bench, freed, best);
+        let others: Vec<Freed> = others.into_iter().filter(is_known).collect();
         if !known.is_empty() || others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
             // Without it, the fit has to pay for shifts that no plant has.
-            let is_alone = |e: &&mut Explanation| e.freed.is_none() && e.judged.ids == best.hypothesis.ids();
+            let is_alone = |e: &&mut Explanation| e.freed.is_empty() && e.judged.ids == best.hypothesis.ids();
             explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
         }
         // What is none of the registry's beside a sure direction leaves that direction alone.
         let doubted = explained(best).judged.doubt();
-        let beside = by_symmetry(known, best, left * rest, floor, without, FREED_BESIDES);
+        let beside = by_symmetry(known, best, left * rest, floor * rest, without, FREED_AT_NOISE);
         explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
         explanations.extend(by_symmetry(others, best, left, bent(best, floor), without, FREED_AT_NOISE));
     }
-    explanations.extend(by_symmetry(directions.sure, &refit, rest, bent(&refit, floor), without, 0.0));
+    let mut sure = by_symmetry(directions.sure, &refit, rest, bent(&refit, floor), without, 0.0);
+    if !directions.pairs.is_empty() {
+        // One alone has to pay for shifts that no plant has.
+        sure.iter_mut().for_each(|explanation| explanation.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
+    }
+    explanations.extend(sure);
+    explanations.extend(by_symmetry(directions.pairs, &refit, rest, bent(&refit, floor), without, 0.0));
     let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
     // That there is no gap leaves all of it, and becomes less likely with every time that it is larger than one to speak of.
@@ -296,6 +315,8 @@ struct Directions {
     first: Option<Freed>,
     /// Those that are sure whatever stays.
     sure: Vec<Freed>,
+    /// Those of which it takes two.
+    pairs: Vec<[Freed; 2]>,
     /// Fraction of the whole gap that the refit leaves, as amplitude.
     rest: f64,
 }
@@ -307,27 +328,40 @@ impl Directions {
         let excess = refit.chi - 1.0;
         let whole = search.unfitted(&refit.hypothesis) - 1.0;
         let rest = (excess / whole.max(excess)).sqrt();
-        if rest >= NEARLY_ALL {
-            return Self { first: None, sure: Vec::new(), rest };
-        }
+        let none = Self { first: None, sure: Vec::new(), pairs: Vec::new(), rest };
+        let shifts = if rest < MOSTLY { Shifts::of(search, refit) } else { None };
+        let Some(shifts) = shifts else { return none };
         // Where next to nothing is left, what a direction pays for need not be as much.
-        let is_nothing = rest < BENT;
+        let (is_nothing, is_little) = (rest < BENT, rest < NEARLY_ALL);
         let pays_for_all =
-            |freed: &Freed| freed.gain() > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
+            |freed: &Freed| is_little && freed.gain() > FREED_BESIDES && freed.cost < PAYS_FOR_ALL * freed.cost_without;
         let is_sure = |freed: &Freed| {
             let is_ordinary = is_nothing && freed.cost < BENT_COST && freed.gain() > FREED_OF_ALL;
-            let is_large =
-                freed.gain() > FREED_BESIDES && moved_m(search.bench, freed) > MUCH_LARGER * refit.found.rms_m();
+            // What bends a gain may be most of the gap, a zero that is off is not bent like that.
+            let is_large = (is_little || OFFSETS.contains(&freed.effect)) && is_large(search.bench, freed, refit);
             is_ordinary || is_large || pays_for_all(freed) && (is_nothing || freed.gain() > FREED_FIRST)
         };
-        let mut known = freed(search, refit);
+        let mut known = shifts.freed(&[]);
+        let is_one = known.first().is_none_or(|freed| freed.cost < BENT_COST);
+        let mut pairs = if is_nothing && !is_one { shifts.in_pairs() } else { Vec::new() };
+        pairs.retain(|pair| {
+            pair.iter().all(|freed| {
+                freed.cost < BENT_COST && freed.gain() > FREED_AT_NOISE && !without.contains(&freed.effect)
+            })
+        });
         known.retain(|freed| (pays_for_all(freed) || is_sure(freed)) && !without.contains(&freed.effect));
-        Self { first: known.first().cloned(), sure: known.into_iter().filter(is_sure).collect(), rest }
+        Self { first: known.first().cloned(), sure: known.into_iter().filter(is_sure).collect(), pairs, rest }
     }
 
     fn are_sure_of(&self, effect: &str) -> bool {
         self.sure.iter().any(|freed| freed.effect == effect)
     }
+}
+
+/// Whether a direction moves readings by so much more than what `fit` leaves that nothing left could have bent it.
+fn is_large(bench: &Bench<'_>, freed: &Freed, fit: &Candidate) -> bool {
+    let larger = moved_m(bench, freed) / fit.found.rms_m().max(f64::MIN_POSITIVE);
+    freed.gain() > FREED_BESIDES && larger > MUCH_LARGER || freed.gain() > FREED_AT_NOISE && larger > FAR_LARGER
 }
 
 /// Rms of what a freed offset or gain moves the readings by, metres; zero for other directions, of which that is not known without a simulation.
@@ -338,28 +372,43 @@ fn moved_m(bench: &Bench<'_>, freed: &Freed) -> f64 {
         (bench.records.iter().map(squares).sum::<f64>() / rows.max(1) as f64).sqrt()
     };
     match freed.effect {
-        "sensor_offset" | "asymmetric_hysteresis" => freed.value.abs(),
+        effect if OFFSETS.contains(&effect) => freed.value.abs(),
         "sensor_gain" | "amplifier_gain" => freed.value.abs() * reading_m(),
         _ => 0.0,
     }
 }
 
 /// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of
-/// the log in the middle tells it better than a log's own differences, which a fast plant roughens.
-fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate) -> f64 {
+/// the log in the middle tells it better than a log's own differences, which a fast plant roughens. Of what it leaves of each log `scatter_m2` is
+/// explained, if that is known.
+fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatter_m2: &[f64]) -> f64 {
     let mean2 = |candidate: &Candidate| -> Vec<f64> { candidate.found.normal.logs.iter().map(Sums::mean_m2).collect() };
     let (before2, after2) = (mean2(refit), mean2(fit));
     let mut sorted = after2.clone();
     sorted.sort_by(f64::total_cmp);
     let middle2 = sorted[(sorted.len() - 1) / 2];
-    let logs = search.bench.records.iter().zip(before2.iter().zip(&after2));
-    let left2 = logs.map(|(record, (before2, after2))| {
+    let logs = search.bench.records.iter().zip(before2.iter().zip(&after2)).enumerate();
+    let left2 = logs.map(|(index, (record, (before2, after2)))| {
         let own2 = record.noise_m.powi(2);
         let noise2 = if middle2 < ROUGH * ROUGH * own2 { own2.min(middle2) } else { own2 };
-        let (gap2, left2) = (before2 - noise2, after2 - noise2);
+        let scatter2 = scatter_m2.get(index).copied().unwrap_or_default();
+        let (gap2, left2) = (before2 - noise2, (after2 - noise2 - scatter2).max(0.0));
         if gap2 > GAP_OF_LOG * noise2 && left2 > LEFT_OF_LOG * noise2 { left2 / gap2 } else { 0.0 }
     });
     left2.fold(0.0, f64::max).sqrt()
+}
+
+/// Power of what scatters in each log, metres squared: noise has the same everywhere, errors of the instants show where the plant moves.
+fn scatter_of_logs(explanation: &Explanation, bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
+    let Some((effect, _, scattered)) = &explanation.scatter else { return Vec::new() };
+    let of_log = |(record, left): (&Record<'_>, &Remainder)| {
+        if effect.id() != "sampling_jitter" {
+            return scattered.excess_m2.max(0.0);
+        }
+        let velocity = &left.velocity_m_per_s[record.run_in..];
+        scattered.jitter_s.powi(2) * velocity.iter().map(|v| v * v).sum::<f64>() / velocity.len().max(1) as f64
+    };
+    bench.records.iter().zip(remainders).map(of_log).collect()
 }
 
 /// The course with probabilities from scores, one for each explanation and then for `no_gap`, and from what of each belongs to `unknown`.
@@ -419,22 +468,60 @@ fn bent(fit: &Candidate, floor: f64) -> f64 {
     if fit.chi < AT_NOISE { floor } else { floor.max(BENT) }
 }
 
-/// Effects that the nominal numbers imitate, on top of `fit`.
-fn by_symmetry(
-    freed: Vec<Freed>,
+/// Effects that the nominal numbers imitate, one or two at once, on top of `fit`; each must save more than `least`.
+fn by_symmetry<F: Into<Vec<Freed>>>(
+    freed: Vec<F>,
     fit: &Candidate,
     left: f64,
     floor: f64,
     without: &[&str],
     least: f64,
 ) -> Vec<Explanation> {
-    freed
-        .into_iter()
-        .filter(|f| !without.contains(&f.effect) && f.gain() > least)
-        .map(|freed| {
-            let mut explanation = Explanation::by_fit(fit, left, floor).and(freed.effect);
-            explanation.judged.prior_cost = freed.cost;
-            Explanation { freed: Some(freed), ..explanation }
-        })
-        .collect()
+    let is_worth = |freed: &Vec<Freed>| freed.iter().all(|f| !without.contains(&f.effect) && f.gain() > least);
+    let explanation = |freed: Vec<Freed>| {
+        let alone = Explanation::by_fit(fit, left, floor);
+        let mut explanation = freed.iter().fold(alone, |explanation, freed| explanation.and(freed.effect));
+        explanation.judged.prior_cost = freed[0].cost;
+        Explanation { freed, ..explanation }
+    };
+    freed.into_iter().map(Into::into).filter(is_worth).map(explanation).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+    use std::sync::atomic::AtomicUsize;
+
+    /// Errors of the instants show where the plant moves, noise shows everywhere.
+    #[test]
+    fn each_log_has_its_own_share_of_what_scatters() {
+        let model = thesis();
+        let rows = 400;
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; rows], displacement_m: vec![0.0; rows], ..Log::default() };
+        let records = vec![record(&log, &model.chain(), None), record(&log, &model.chain(), None)];
+        let bench = Bench::new(&model, records);
+        let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
+        let refit = search.refit(Freedom::Rest);
+        let moving = |velocity: f64| Remainder { residual_m: vec![0.0; rows], velocity_m_per_s: vec![velocity; rows] };
+        let scattered = Scattered {
+            excess_m2: 1e-16,
+            jitter_s: 2e-6,
+            jitter_sigma_s: 1e-8,
+            jitter_m2: 2e-16,
+            moving_m2: 2e-16,
+            ..Scattered::default()
+        };
+        let found = by_scatter(&scattered, &refit, 0.01, &[], 0.0, false);
+        let of = |id: &str| {
+            let explanation = found.iter().find(|e| e.judged.ids == [id]).expect("told by its scatter");
+            scatter_of_logs(explanation, &bench, &[moving(0.0), moving(0.01)])
+        };
+        let jitter = of("sampling_jitter");
+        assert!(jitter[0] == 0.0 && (jitter[1] - 4e-16).abs() < 1e-24, "{jitter:?}");
+        assert_eq!(of("noise_excess"), [1e-16; 2]);
+        assert!(scatter_of_logs(&Explanation::by_fit(&refit, 1.0, 0.01), &bench, &[]).is_empty());
+    }
 }

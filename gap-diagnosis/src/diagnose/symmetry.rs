@@ -16,6 +16,8 @@ const INSTANT: f64 = 0.05;
 const RARER: f64 = 2.2;
 /// Share of the priors that leaves numbers free which the logs determine.
 const NEXT_TO_NOTHING: f64 = 1e-6;
+/// Share of its own cost below which a direction is one that is free already.
+const ALONG: f64 = 1e-6;
 /// A direction explains a good part of a move if it leaves less than this of it.
 const GOOD_PART: f64 = 0.75;
 
@@ -43,10 +45,20 @@ pub struct Freed {
     pub rarer: f64,
 }
 
+impl From<Freed> for Vec<Freed> {
+    fn from(freed: Freed) -> Self {
+        vec![freed]
+    }
+}
+
 impl Freed {
     /// Chi-square that freeing the direction saves.
     pub fn gain(&self) -> f64 {
         self.cost_without - self.cost
+    }
+
+    fn is(&self, (effect, quantity, _): &Direction) -> bool {
+        (self.effect, self.quantity) == (*effect, *quantity)
     }
 }
 
@@ -61,33 +73,96 @@ pub fn symmetric(bench: &Bench<'_>) -> Vec<&'static str> {
 
 /// All directions, cheapest first.
 pub fn freed(search: &Search<'_>, candidate: &Candidate) -> Vec<Freed> {
-    let (bench, Candidate { hypothesis, found, .. }) = (search.bench, candidate);
-    // Coloured noise moves the numbers by more than as many independent readings would.
-    let weights = search.independent_weights(candidate);
-    let nominal = bench.free.len();
-    let Some((information, gradient)) = reduced(bench, hypothesis, found, &weights) else { return Vec::new() };
-    let z = DVector::from_column_slice(&found.z[..nominal]);
-    let Some(prior) = prior(bench) else { return Vec::new() };
-    let Some(least) = least_misfit(&information, &gradient, &z, &prior) else { return Vec::new() };
-    let mut all: Vec<Freed> = directions(bench)
-        .into_iter()
-        .filter_map(|(effect, quantity, direction)| {
-            free_one(&information, &gradient, &z, &prior, &direction).map(|(along, sigma, cost, cost_without)| {
-                let offset = bench.free.iter().zip(&direction).find(|(free, _)| free.quantity == Quantity::Offset);
-                let (value, value_sigma) = match offset {
-                    Some((free, &is_moved)) if is_moved != 0.0 => {
-                        (free.at(along) - free.prior, free.number_sigma(along, sigma))
-                    }
-                    _ => (along.exp_m1(), along.exp() * sigma),
-                };
-                let rarer = if effect == "asymmetric_hysteresis" { RARER } else { 0.0 };
-                let [cost, cost_without] = [cost, cost_without].map(|cost| (cost - least).max(0.0));
-                Freed { effect, quantity, along, sigma, value, value_sigma, cost, cost_without, rarer }
-            })
-        })
-        .collect();
-    all.sort_by(|a, b| (a.cost + a.rarer).total_cmp(&(b.cost + b.rarer)));
-    all
+    Shifts::of(search, candidate).map_or_else(Vec::new, |shifts| shifts.freed(&[]))
+}
+
+/// How far a fit has shifted the nominal numbers, and what that costs.
+pub(super) struct Shifts<'a> {
+    bench: &'a Bench<'a>,
+    directions: Vec<Direction>,
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+    z: DVector<f64>,
+    prior: DMatrix<f64>,
+    least: f64,
+}
+
+type Direction = (&'static str, Option<Quantity>, DVector<f64>);
+
+impl<'a> Shifts<'a> {
+    /// Those of `candidate`; none where its logs determine nothing.
+    pub fn of(search: &Search<'a>, candidate: &Candidate) -> Option<Self> {
+        let (bench, Candidate { hypothesis, found, .. }) = (search.bench, candidate);
+        // Coloured noise moves the numbers by more than as many independent readings would.
+        let weights = search.independent_weights(candidate);
+        let (information, gradient) = reduced(bench, hypothesis, found, &weights)?;
+        let z = DVector::from_column_slice(&found.z[..bench.free.len()]);
+        let prior = prior(bench)?;
+        let least = least_misfit(&information, &gradient, &z, &prior)?;
+        Some(Self { bench, directions: directions(bench), information, gradient, z, prior, least })
+    }
+
+    /// All directions with `beside` free already, cheapest first.
+    pub fn freed(&self, beside: &[Freed]) -> Vec<Freed> {
+        let prior = beside.iter().fold(self.prior.clone(), |prior, known| {
+            self.directions.iter().find(|of| known.is(of)).map_or(prior.clone(), |(.., along)| open(&prior, along))
+        });
+        // Any of the nominal numbers may be the wrong one: which, has to be found as well.
+        let wrong = self.directions.iter().filter(|(effect, ..)| *effect == "parameter_error").count();
+        let among_many = 2.0 * (wrong.max(1) as f64).ln();
+        let one = |(effect, quantity, direction): &Direction| {
+            // What moves nothing but what is free already is no direction of its own.
+            let norm = |prior: &DMatrix<f64>| direction.dot(&(prior * direction));
+            if norm(&prior) < ALONG * norm(&self.prior) {
+                return None;
+            }
+            let Self { information, gradient, z, .. } = self;
+            let (along, sigma, cost, cost_without) = free_one(information, gradient, z, &prior, direction)?;
+            let offset = self.bench.free.iter().zip(direction).find(|(free, _)| free.quantity == Quantity::Offset);
+            let (value, value_sigma) = match offset {
+                Some((free, &is_moved)) if is_moved != 0.0 => {
+                    (free.at(along) - free.prior, free.number_sigma(along, sigma))
+                }
+                _ => (along.exp_m1(), along.exp() * sigma),
+            };
+            let rarer = match *effect {
+                "asymmetric_hysteresis" => RARER,
+                "parameter_error" => among_many,
+                _ => 0.0,
+            };
+            let [cost, cost_without] = [cost, cost_without].map(|cost| (cost - self.least).max(0.0));
+            Some(Freed { effect, quantity: *quantity, along, sigma, value, value_sigma, cost, cost_without, rarer })
+        };
+        let mut all: Vec<Freed> = self.directions.iter().filter_map(one).collect();
+        all.sort_by(|a, b| (a.cost + a.rarer).total_cmp(&(b.cost + b.rarer)));
+        all
+    }
+
+    /// Two directions of different entries at once, cheapest first. Each costs what both do, and without it what the other does alone.
+    pub fn in_pairs(&self) -> Vec<[Freed; 2]> {
+        let singles = self.freed(&[]);
+        let mut pairs: Vec<[Freed; 2]> = Vec::new();
+        for (number, first) in singles.iter().enumerate() {
+            let beside_first = self.freed(std::slice::from_ref(first));
+            for second in singles[number + 1..].iter().filter(|second| second.effect != first.effect) {
+                let same = |of: &Freed, known: &Freed| (of.effect, of.quantity) == (known.effect, known.quantity);
+                let beside_second = self.freed(std::slice::from_ref(second));
+                let both = beside_second.into_iter().find(|of| same(of, first));
+                let both = both.zip(beside_first.iter().find(|of| same(of, second)).cloned());
+                pairs.extend(both.map(|(first, second)| [first, second]));
+            }
+        }
+        let price = |[first, second]: &[Freed; 2]| first.cost + first.rarer + second.rarer;
+        pairs.sort_by(|a, b| price(a).total_cmp(&price(b)));
+        pairs
+    }
+}
+
+/// `prior` once the shift along a direction costs nothing.
+fn open(prior: &DMatrix<f64>, along: &DVector<f64>) -> DMatrix<f64> {
+    let weighed = prior * along;
+    let norm = weighed.dot(along);
+    if norm > 0.0 { prior - &weighed * weighed.transpose() / norm } else { prior.clone() }
 }
 
 /// Coordinates of the nominal numbers where a payload or a gain would have put them, if one explains a good part of how far `found` has moved
@@ -155,7 +230,7 @@ fn reduced(
     Some((reduced, gradient))
 }
 
-pub(super) fn directions(bench: &Bench<'_>) -> Vec<(&'static str, Option<Quantity>, DVector<f64>)> {
+pub(super) fn directions(bench: &Bench<'_>) -> Vec<Direction> {
     let along = |of: &dyn Fn(Quantity) -> f64| {
         DVector::from_iterator(bench.free.len(), bench.free.iter().map(|f| of(f.quantity)))
     };
@@ -250,6 +325,7 @@ fn free_one(
 mod tests {
     use super::*;
     use crate::diagnose::thesis;
+    use plant_sim::param::Param;
 
     /// A payload is seen in numbers of which two have locked one another; numbers that moved each for itself show none.
     #[test]
@@ -285,6 +361,36 @@ mod tests {
         let dead_zone = bench.free.iter().position(|free| matches!(free.quantity, Quantity::DeadZone(_))).expect("one");
         one[dead_zone] = bench.free[dead_zone].prior_sigma;
         assert!((one.dot(&(&prior * &one)) - 1.0).abs() < 1e-9);
+    }
+
+    /// A zero that is off and a wrong number shift other coordinates: neither alone pays for both, and what shifts the same is no second one.
+    #[test]
+    fn two_that_are_off_are_told_together() {
+        let mut model = thesis();
+        model.sensor.offset_um = Some(Param::absolute(0.0, 0.6, ""));
+        let bench = Bench::new(&model, Vec::new());
+        let directions = directions(&bench);
+        let prior = prior(&bench).expect("a prior");
+        let place = |quantity: Quantity| bench.free.iter().position(|free| free.quantity == quantity).expect("free");
+        let off = [(Quantity::Offset, 9.0), (Quantity::Damping, -12.0)];
+        let mut z = DVector::zeros(bench.free.len());
+        off.iter()
+            .for_each(|(quantity, sigmas)| z[place(*quantity)] = sigmas * bench.free[place(*quantity)].prior_sigma);
+        let information = DMatrix::from_diagonal_element(z.len(), z.len(), 1e9);
+        let gradient = DVector::zeros(z.len());
+        let shifts = Shifts { bench: &bench, directions, information, gradient, z, prior, least: 0.0 };
+        let best = &shifts.freed(&[])[0];
+        let alone = best.gain();
+        assert_eq!((best.quantity, best.cost.round()), (Some(Quantity::Damping), 81.0));
+        let pairs = shifts.in_pairs();
+        let [first, second] = &pairs[0];
+        assert_eq!([first.effect, second.effect], ["parameter_error", "sensor_offset"]);
+        assert!(first.cost < 0.01, "{}", first.cost);
+        // A mass that is off as well would pay for a little of the damping.
+        assert!((second.gain() - 81.0).abs() < 0.1, "{}", second.gain());
+        assert!((first.gain() - alone).abs() < 0.1 && first.gain() > 100.0, "{} {alone}", first.gain());
+        let beside_offset = shifts.freed(std::slice::from_ref(second));
+        assert!(beside_offset.iter().all(|freed| !["sensor_offset", "asymmetric_hysteresis"].contains(&freed.effect)));
     }
 
     /// Where a fit ended on other weights than those that judge it, the misfit there is no zero to count from.

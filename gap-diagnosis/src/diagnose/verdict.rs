@@ -3,7 +3,7 @@
 use super::judge::{Course, Explanation};
 use super::random::{CONFIDENCE, Random};
 use super::search::Search;
-use super::symmetry::{Freed, freed};
+use super::symmetry::{Freed, Shifts};
 use plant_sim::effects::REGISTRY;
 use serde::Serialize;
 
@@ -168,8 +168,10 @@ pub(super) fn set90(ranking: &[Ranked]) -> Vec<String> {
 /// Entries that these logs can't tell from a member of `top`; those that were struck out are none.
 fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&str]) -> Vec<Class> {
     let mut classes = Vec::new();
-    if let Some(best) = &top.freed {
-        let rivals = freed(search, &top.candidate);
+    for (place, best) in top.freed.iter().enumerate() {
+        let mut others = top.freed.clone();
+        others.remove(place);
+        let rivals = Shifts::of(search, &top.candidate).map_or_else(Vec::new, |shifts| shifts.freed(&others));
         let is_rival = |rival: &&Freed| rival.cost - best.cost < SAME_COST && !without.contains(&rival.effect);
         let mut members = vec![best.effect];
         let mut most = 0f64;
