@@ -274,24 +274,31 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         explanations.extend(well.map(|explanation| explanation.along(first, rest)));
     }
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
-    // can be believed about them, or one of which the refit knew the direction before.
-    if let Some((best, left)) = best.map(|best| (best, best.left(&refit, noise))).filter(|(_, left)| *left < MOSTLY) {
+    // can be believed about them, or one of which the refit knew the direction before. Beside it one effect may be enough where it takes two alone.
+    let is_single = |fit: &&Candidate| fit.hypothesis.installed.len() == 1;
+    let single = fits.iter().filter(is_single).min_by(|a, b| a.chi.total_cmp(&b.chi));
+    let single = single.filter(|single| best.is_some_and(|best| best.hypothesis.ids() != single.hypothesis.ids()));
+    for fit in best.into_iter().chain(single) {
+        let left = fit.left(&refit, noise);
+        if left >= MOSTLY {
+            continue;
+        }
         let (known, others): (Vec<Freed>, Vec<Freed>) =
-            freed(search, best).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
-        let is_ordinary = |freed: &Freed| best.chi < AT_NOISE && freed.cost < BENT_COST;
+            freed(search, fit).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
+        let is_ordinary = |freed: &Freed| fit.chi < AT_NOISE && freed.cost < BENT_COST;
         let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
-        let is_known = |freed: &Freed| left < FOUND && is_believed(freed) || is_large(bench, freed, best);
+        let is_known = |freed: &Freed| left < FOUND && is_believed(freed) || is_large(bench, freed, fit);
         let others: Vec<Freed> = others.into_iter().filter(is_known).collect();
         if !known.is_empty() || others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
             // Without it, the fit has to pay for shifts that no plant has.
-            let is_alone = |e: &&mut Explanation| e.freed.is_empty() && e.judged.ids == best.hypothesis.ids();
+            let is_alone = |e: &&mut Explanation| e.freed.is_empty() && e.judged.ids == fit.hypothesis.ids();
             explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
         }
         // What is none of the registry's beside a sure direction leaves that direction alone.
-        let doubted = explained(best).judged.doubt();
-        let beside = by_symmetry(known, best, left * rest, floor * rest, without, FREED_AT_NOISE);
+        let doubted = explained(fit).judged.doubt();
+        let beside = by_symmetry(known, fit, left * rest, floor * rest, without, FREED_AT_NOISE);
         explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
-        explanations.extend(by_symmetry(others, best, left, bent(best, floor), without, FREED_AT_NOISE));
+        explanations.extend(by_symmetry(others, fit, left, bent(fit, floor), without, FREED_AT_NOISE));
     }
     let mut sure = by_symmetry(directions.sure, &refit, rest, bent(&refit, floor), without, 0.0);
     if !directions.pairs.is_empty() {

@@ -1,5 +1,6 @@
 //! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
 
+use super::evidence::SHARPNESS;
 use super::judge::{Course, Explanation};
 use super::random::{CONFIDENCE, Random};
 use super::search::Search;
@@ -108,7 +109,11 @@ pub(super) fn ranking(
         } else {
             explanation.judged.ids.iter().map(|id| (*id, CERTAIN)).collect()
         };
-        members.extend(beyond_stated.map(|random| (random.effect.id(), CERTAIN)));
+        let gap2_m2 = course.refit.found.rms_m().powi(2) * (1.0 - 1.0 / course.refit.chi.max(1.0));
+        members.extend(beyond_stated.map(|random| {
+            let left2_m2 = gap2_m2 * (explanation.judged.left.powi(2) + explanation.judged.floor.powi(2));
+            (random.effect.id(), needed_beside(left2_m2, random.power_m2))
+        }));
         members.dedup_by_key(|(id, _)| *id);
         let sum: f64 = members.iter().map(|(_, needed)| needed).sum();
         let count = members.len() as f64;
@@ -138,6 +143,11 @@ fn needed<'e>(all: impl Iterator<Item = (&'e [&'e str], f64)>, (ids, probability
     };
     let without = all.filter(is_rest).map(|(_, probability)| probability).fold(0.0, f64::max);
     (probability / without.max(f64::MIN_POSITIVE)).ln().clamp(NOT_NEEDED, CERTAIN)
+}
+
+/// The same of what makes `power_m2` beside an explanation that leaves `left2_m2` of the gap.
+fn needed_beside(left2_m2: f64, power_m2: f64) -> f64 {
+    (0.5 * SHARPNESS * ((left2_m2 + power_m2) / left2_m2.max(f64::MIN_POSITIVE)).ln()).clamp(NOT_NEEDED, CERTAIN)
 }
 
 /// The most probable of the named effects, of equals the first. Not the one with the largest share: a wrong number may move more than the effect
@@ -265,6 +275,13 @@ mod tests {
         assert_eq!(needed(all.into_iter(), all[1], "creep"), CERTAIN);
         assert_eq!(needed(all.into_iter(), all[3], "creep"), CERTAIN);
         assert_eq!(needed([(&["creep"][..], 0.9)].into_iter(), all[0], "backlash"), NOT_NEEDED);
+    }
+
+    #[test]
+    fn what_makes_little_beside_an_effect_is_needed_little() {
+        assert_eq!(needed_beside(1e-16, 0.0), NOT_NEEDED);
+        assert!((needed_beside(1e-16, 3e-16) - 3.0 * 2f64.ln()).abs() < 1e-12);
+        assert_eq!([needed_beside(0.0, 1e-16), needed_beside(1e-16, 1.0)], [CERTAIN; 2]);
     }
 
     #[test]
