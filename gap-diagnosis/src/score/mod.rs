@@ -111,6 +111,8 @@ pub struct Pairs {
     pub recall: Rate,
     /// Harmonic mean of both.
     pub f1: f64,
+    /// Both named, whatever else is.
+    pub both: Rate,
     /// Both named and nothing else.
     pub exact: Rate,
 }
@@ -126,6 +128,8 @@ pub struct Closure {
     pub predicted: usize,
     /// Median distance between predicted and realised shrink, in points of per cent.
     pub median_miss_percent: f64,
+    /// The prediction and what was realised are within 5 points.
+    pub within_5_points: Rate,
     /// The prediction lies inside the realised shrink's 95 % interval.
     pub inside_ci95: Rate,
 }
@@ -199,6 +203,7 @@ fn pairs<'a>(cases: impl Iterator<Item = &'a Case>) -> Pairs {
         precision: Rate::new(hits, named),
         recall: Rate::new(hits, wanted),
         f1: 2.0 * hits as f64 / (named + wanted) as f64,
+        both: Rate::count(&matches, |(hits, _, wanted)| hits == wanted),
         exact: Rate::count(&matches, |(hits, named, wanted)| hits == named && hits == wanted),
     }
 }
@@ -215,12 +220,14 @@ fn closure(cases: &[Case]) -> Closure {
     let predicted: Vec<(f64, &Gap)> =
         gaps.iter().filter_map(|gap| Some((gap.predicted_shrink_percent?, *gap))).collect();
     let miss = |(predicted, gap): &(f64, &Gap)| Some((predicted - gap.shrink_percent?).abs());
+    let misses: Vec<f64> = predicted.iter().filter_map(miss).collect();
     let intervals = predicted.iter().filter_map(|(predicted, gap)| Some((*predicted, gap.shrink_percent_ci95?)));
     Closure {
         cases: closed.len(),
         median_percent: median(closed),
         predicted: predicted.len(),
-        median_miss_percent: median(predicted.iter().filter_map(miss)),
+        within_5_points: Rate::count(&misses, |miss| *miss <= 5.0),
+        median_miss_percent: median(misses),
         inside_ci95: Rate::count(intervals, |(predicted, (low, high))| (low..=high).contains(&predicted)),
     }
 }

@@ -9,6 +9,8 @@ use std::collections::BTreeSet;
 const RATIO_EDGES: [f64; 8] = [0.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0, f64::INFINITY];
 /// Recall from which on an effect counts as detectable.
 pub const DETECTABLE: f64 = 0.75;
+/// Gap after the refit, over the noise, from which on an effect is said to show.
+const SHOWN: f64 = 3.0;
 
 /// Figures of the cases with one effect.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -21,6 +23,10 @@ pub struct Names {
     pub top3: Rate,
     /// The stage is right, or the name by the class rule.
     pub stage: Rate,
+    /// The leading name is right by the class rule, where the refit leaves at least three times the noise.
+    pub shown_top1: Rate,
+    /// The same of the stage.
+    pub shown_stage: Rate,
     /// More effects were named than there are.
     pub superfluous: Rate,
     /// Effect by effect.
@@ -77,15 +83,22 @@ pub fn names(cases: &[Case]) -> Names {
             detectable_from: frontier(&bins(&mine)),
         }
     };
+    // What was wrong with a nominal number has no stage of its own.
+    let staged = |cases: &[&Case]| {
+        Rate::count(cases.iter().filter(|case| case.truth.stage.is_some()), |case| {
+            let stage = case.answered().and_then(|answer| answer.stage.as_ref());
+            case.is_right() || stage == case.truth.stage.as_ref()
+        })
+    };
+    let shows = |case: &&Case| case.refit_over_noise().is_none_or(|ratio| ratio >= SHOWN);
+    let shown: Vec<&Case> = singles.iter().copied().filter(shows).collect();
     Names {
         top1: Rate::count(&singles, |case| case.is_right()),
         strict_top1: Rate::count(&singles, |case| is_strictly_right(case)),
         top3: Rate::count(&singles, |case| is_among_three(case)),
-        // What was wrong with a nominal number has no stage of its own.
-        stage: Rate::count(singles.iter().filter(|case| case.truth.stage.is_some()), |case| {
-            let stage = case.answered().and_then(|answer| answer.stage.as_ref());
-            case.is_right() || stage == case.truth.stage.as_ref()
-        }),
+        stage: staged(&singles),
+        shown_top1: Rate::count(&shown, |case| case.is_right()),
+        shown_stage: staged(&shown),
         superfluous: Rate::count(&singles, |case| case.answered().is_some_and(|answer| answer.effects.len() > 1)),
         recall: effects.iter().map(recall).collect(),
         by_ratio: bins(&singles),

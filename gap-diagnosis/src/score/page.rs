@@ -185,6 +185,8 @@ fn singles(page: &mut Page, score: &Score) {
         ("right name, the truth itself", names.strict_top1),
         ("right among three", names.top3),
         ("right stage, or right name", names.stage),
+        ("right name, where the refit leaves 3 times the noise", names.shown_top1),
+        ("right stage there, or right name", names.shown_stage),
         ("more effects named than there are", names.superfluous),
     ];
     page.table(
@@ -263,7 +265,9 @@ fn rest(score: &Score) -> Vec<Vec<String>> {
         ("set holds both (pairs)", sets.pairs),
         ("pairs: named ones that are true", pairs.precision),
         ("pairs: true ones that are named", pairs.recall),
+        ("pairs: both, whatever else", pairs.both),
         ("pairs: both and nothing else", pairs.exact),
+        ("predicted shrink within 5 points of the realised one", score.closure.within_5_points),
         ("predicted shrink inside the realised one's 95 %", score.closure.inside_ci95),
     ]
     .iter()

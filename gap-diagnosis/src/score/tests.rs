@@ -101,6 +101,24 @@ fn pairs_match_one_to_one() {
 }
 
 #[test]
+fn an_effect_shows_where_the_refit_leaves_three_times_the_noise() {
+    // The answers' refit leaves 0.1 um: 10 times, 3 times and twice the noise, which is taken off first.
+    let of = |noise_um: f64, name: &str| {
+        let truth = Truth { noise_um: Some(noise_um), stage: Some("structure".into()), ..truth(&["creep"]) };
+        case("", truth, sure(name))
+    };
+    let mut cases = vec![of(0.01, "creep"), of(0.0316, "backlash"), of(0.05, "backlash"), of(0.0317, "backlash")];
+    let hits = |cases: &[Case]| {
+        let names = names::names(cases);
+        [names.shown_top1, names.shown_stage].map(|rate| (rate.hits, rate.of))
+    };
+    assert_eq!(hits(&cases), [(1, 2), (1, 2)]);
+    // No answer is no excuse.
+    cases.push(Case { answer: Err("killed".into()), ..of(0.05, "creep") });
+    assert_eq!(hits(&cases), [(1, 3), (1, 3)]);
+}
+
+#[test]
 fn a_small_run_by_hand() {
     let cases = vec![
         case("1", truth(&["creep"]), sure("creep")),
@@ -134,6 +152,7 @@ fn a_small_run_by_hand() {
     assert_eq!((score.rejection.auroc, score.rejection.open_auc), (6.0 / 10.0, 3.0 / 10.0));
     assert_eq!(score.closure.median_percent, 97.0);
     assert_eq!((score.closure.median_miss_percent, hits(score.closure.inside_ci95)), (1.0, (4, 4)));
+    assert_eq!((hits(score.closure.within_5_points), hits(score.pairs.both)), ((4, 4), (0, 1)));
     // Eight answers: seven at 0.96, of which 1, 5, 7 and 9 are right; one at 0.6, wrong.
     let off = (7.0 * (0.96 - 4.0 / 7.0) + 0.6) / 8.0;
     assert!((score.calibration.expected_error - off).abs() < 1e-12);
