@@ -2,7 +2,7 @@
 //! added to it. A vector of coordinates becomes one chain and one start for every log.
 
 use crate::identify::parameters::{Free, Quantity, Scale};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plant_sim::chain::{Chain, Drive, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
 use plant_sim::log::{Hold, Log};
@@ -24,6 +24,8 @@ const ROWS_PER_PERIOD: f64 = 6.0;
 /// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
 const LOG_STEP: f64 = 0.7;
 const FREQUENCY_STEP: f64 = 0.04;
+/// Information that numbers get which rounding can't tell from one another, in shares of their own.
+const ALIKE: f64 = 1e-8;
 
 /// One log as the diagnosis sees it.
 #[derive(Clone, Debug)]
@@ -34,6 +36,8 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
+    /// Rms with which what counts of a residual is compared, in metres: the noise, and on a lattice that hides it what the noise is without.
+    pub resolved_m: f64,
     /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
@@ -80,7 +84,7 @@ impl Record<'_> {
 
     /// What a volt at the drive monitor counts as in metres of displacement, so that both readings have one weight.
     pub fn monitor_m_per_v(&self) -> Option<f64> {
-        self.monitor_v.map(|sigma_v| self.noise_m / sigma_v)
+        self.monitor_v.map(|sigma_v| self.resolved_m / sigma_v)
     }
 }
 
@@ -260,6 +264,18 @@ pub(super) fn pin_idle(information: &mut DMatrix<f64>) {
             information[(i, i)] = 1.0;
         }
     }
+}
+
+/// The Cholesky factor of an information. Numbers that rounding can't tell from one another get so little more of it that each is known to
+/// ten thousand times what it would be alone.
+pub(super) fn factor(information: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    information.clone().cholesky().or_else(|| {
+        let mut eased = information;
+        for i in 0..eased.nrows() {
+            eased[(i, i)] *= 1.0 + ALIKE;
+        }
+        eased.cholesky()
+    })
 }
 
 /// The nominal plant and the logs.

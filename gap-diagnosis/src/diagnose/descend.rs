@@ -4,7 +4,7 @@
 //! are almost flat (a capacitance against a dead zone, the slope of a fast hysteron). Counted in a unit much larger than the noise,
 //! the priors hold the nominal numbers together until the fit is near.
 
-use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, pin_idle};
+use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, factor, pin_idle};
 use super::normal::{Normal, Sensitivities, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
@@ -59,7 +59,7 @@ impl Found {
 
 /// One over the variance of each log's noise.
 pub fn noise_weights(bench: &Bench<'_>) -> Vec<f64> {
-    bench.records.iter().map(|r| r.noise_m.powi(-2)).collect()
+    bench.records.iter().map(|r| r.resolved_m.powi(-2)).collect()
 }
 
 /// Squares of the shifts of all coordinates that have a prior; `only` the first so many.
@@ -261,5 +261,5 @@ pub fn covariance(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found, wei
     let (mut information, mut gradient) = found.normal.assemble(weights);
     add_priors(&bench.rules(hypothesis), &found.z, &mut information, &mut gradient);
     pin_idle(&mut information);
-    information.cholesky().map(|c| c.inverse())
+    factor(information).map(|c| c.inverse())
 }

@@ -53,6 +53,10 @@ const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
 /// .. or this much, before either is tried in its other forms.
 const PAIR_NEARLY_TAKES: f64 = 0.3;
+/// Forms of so few numbers are plain; so many of them, if they promise this share of what the best lead does.
+const PLAIN: usize = 2;
+const MOST_PLAIN: usize = 1;
+const PLAIN_SHARE: f64 = 0.5;
 /// So many pairs at most are tried in their other forms.
 const MOST_CHANGED: usize = 2;
 /// Single fits that leave less than this many times as much as the first may stand in its place beside the second; so many at most.
@@ -89,8 +93,9 @@ impl Fits<'_> {
     /// Fits of what the screening left, alone and in pairs; best first, pairs last.
     pub fn all(&self, leads: &[Lead], remainders: &[Remainder]) -> Vec<Candidate> {
         let mut fits = self.singles(leads, remainders);
-        // What no direction of the registry imitates at all is not the sum of two of them either.
-        if leads.first().is_none_or(|lead| lead.share < HOPELESS) {
+        // What no direction of the registry imitates at all is not the sum of two of them either, but for starts, which have no direction.
+        let is_start = |fit: &Candidate| fit.hypothesis.ids() == [START] && self.left(fit) < HALF;
+        if leads.first().is_none_or(|lead| lead.share < HOPELESS) && !fits.first().is_some_and(is_start) {
             return fits;
         }
         if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi > NEAR_NOISE) {
@@ -103,39 +108,74 @@ impl Fits<'_> {
         candidate.left(self.refit, 1.0)
     }
 
-    /// A second effect beside each of the two best.
+    /// A second effect beside each of the two best, and beside plain ones.
     fn pairs(&self, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
-        let is_as_good = |fit: &&Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
+        let is_as_good = |fit: &Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
         let most = if self.left(&singles[0]) > HALF { 1 } else { 2 };
-        for (number, first) in singles.iter().take(most).take_while(is_as_good).enumerate() {
-            (self.say)("looking for a second effect", 0.6 + 0.15 * number as f64);
-            let remainders = self.search.play(first);
-            let seconds = self.search.screen(first, &Starts::of(self.search.bench, &remainders), self.without);
-            let taken = |pair: &Candidate| 1.0 - pair.left(first, 1.0);
-            let mut beside: Vec<Candidate> = Vec::new();
-            let start = self.start(first, &remainders);
-            let promising = distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE);
-            for lead in start.iter().chain(promising) {
-                let pair = self.search.extend(first, lead, false);
-                if self.is_found(&pair) {
-                    pairs.extend(self.twins(singles, first, &seconds, lead));
-                    pairs.push(self.least(pair));
-                    return pairs;
-                }
-                beside.push(pair);
+        let best = singles.iter().take(most).filter(|fit| is_as_good(fit)).cloned();
+        // One by one: the first pair that is found ends the search.
+        let plain = self.plain(leads, &singles[..most]).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
+        for (number, first) in best.chain(plain.filter(|fit| self.left(fit) < HARDLY_HALF)).enumerate() {
+            (self.say)("looking for a second effect", 0.6 + 0.07 * number as f64);
+            let beside = self.beside(&first, singles, leads);
+            let is_found = beside.first().is_some_and(|pair| self.is_found(pair));
+            pairs.extend(beside);
+            if is_found {
+                break;
             }
-            beside.sort_by(|a, b| a.chi.total_cmp(&b.chi));
-            for near in beside.iter_mut().take(MOST_CHANGED).filter(|pair| taken(pair) > PAIR_NEARLY_TAKES) {
-                self.change_forms(near, leads, &seconds);
-                if self.is_found(near) {
-                    pairs.push(self.least(near.clone()));
-                    return pairs;
-                }
-            }
-            pairs.extend(beside.into_iter().filter(|pair| taken(pair) > PAIR_TAKES));
         }
         pairs
+    }
+
+    /// Leads of few numbers, but for those that `known` fits have: a form of many imitates two effects at once, and nothing shows beside it.
+    fn plain<'l>(&self, leads: &'l [Lead], known: &[Candidate]) -> Vec<&'l Lead> {
+        let most = leads.first().map_or(0.0, |lead| lead.gain);
+        let is_known = |lead: &Lead| {
+            let mut installed = known.iter().filter_map(|fit| fit.hypothesis.installed.last());
+            installed.any(|own| (own.effect.id(), own.form.name) == (lead.effect.id(), lead.form.name))
+        };
+        let worth = leads.iter().filter(|lead| lead.gain > PLAIN_SHARE * most && self.numbers(lead) <= PLAIN);
+        distinct(worth).into_iter().filter(|lead| !is_known(lead)).take(MOST_PLAIN).collect()
+    }
+
+    /// Pairs of `first` with what shows beside it, the best first; if it is found, what it may be taken for follows.
+    fn beside(&self, first: &Candidate, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
+        let remainders = self.search.play(first);
+        let seconds = self.search.screen(first, &Starts::of(self.search.bench, &remainders), self.without);
+        let taken = |pair: &Candidate| 1.0 - pair.left(first, 1.0);
+        let start = self.start(first, &remainders);
+        let promising: Vec<&Lead> =
+            distinct(&seconds).into_iter().take(3).filter(|lead| lead.share > SECOND_SHARE).collect();
+        let known = first.hypothesis.ids().into_iter().chain(promising.iter().map(|lead| lead.effect.id()));
+        let offset = if known.into_iter().any(|id| id == OFFSET) { None } else { offset(&seconds) };
+        let mut pairs: Vec<(Candidate, &Lead)> = Vec::new();
+        for lead in start.iter().chain(promising).chain(&offset) {
+            let mut pair = self.search.extend(first, lead, false);
+            // Numbers that the first effect has bent alone hold the second back.
+            if !self.is_found(&pair) && taken(&pair) < PAIR_TAKES && first.found.prior_cost > FREED_BESIDES {
+                pair = better(pair, self.search.extend(first, lead, true));
+            }
+            pairs.push((pair, lead));
+            if pairs.last().is_some_and(|(pair, _)| pair.chi < AT_NOISE) {
+                break;
+            }
+        }
+        let by_chi = |a: &(Candidate, &Lead), b: &(Candidate, &Lead)| a.0.chi.total_cmp(&b.0.chi);
+        pairs.sort_by(by_chi);
+        let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
+        for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
+            self.change_forms(near, leads, &seconds);
+        }
+        pairs.sort_by(by_chi);
+        let mut twins = Vec::new();
+        if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
+            twins = self.twins(singles, first, &seconds, lead);
+            *best = self.least(best.clone());
+        }
+        let worth =
+            pairs.into_iter().map(|(pair, _)| pair).filter(|pair| self.is_found(pair) || taken(pair) > PAIR_TAKES);
+        worth.chain(twins).collect()
     }
 
     /// Whether nothing to speak of stays: next to nothing of the gap, or little of it and no more than the noise is known to.
@@ -157,7 +197,9 @@ impl Fits<'_> {
             };
             let most = leads.iter().find(|lead| lead.effect.id() == own.0).map_or(0.0, |lead| lead.gain);
             let mut best = pair.clone();
-            for other in others(own.0, own.1, leads, most) {
+            let own_lead = leads.iter().find(|lead| (lead.effect.id(), lead.form.name) == own);
+            let plainest = own_lead.and_then(|lead| self.plainest(lead, leads));
+            for other in others(own.0, own.1, leads, most).chain(plainest) {
                 if self.is_found(&best) {
                     break;
                 }
@@ -429,10 +471,10 @@ fn is_lag(lead: &Lead) -> bool {
 }
 
 /// The best lead of each effect, in order.
-fn distinct(leads: &[Lead]) -> Vec<&Lead> {
+fn distinct<'l>(leads: impl IntoIterator<Item = &'l Lead>) -> Vec<&'l Lead> {
     let mut seen: Vec<&str> = Vec::new();
     leads
-        .iter()
+        .into_iter()
         .filter(|lead| {
             let new = !seen.contains(&lead.effect.id());
             seen.push(lead.effect.id());

@@ -396,7 +396,7 @@ fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatte
     let middle2 = sorted[(sorted.len() - 1) / 2];
     let logs = search.bench.records.iter().zip(before2.iter().zip(&after2)).enumerate();
     let left2 = logs.map(|(index, (record, (before2, after2)))| {
-        let own2 = record.noise_m.powi(2);
+        let own2 = record.resolved_m.powi(2);
         let noise2 = if middle2 < ROUGH * ROUGH * own2 { own2.min(middle2) } else { own2 };
         let scatter2 = scatter_m2.get(index).copied().unwrap_or_default();
         let (gap2, left2) = (before2 - noise2, (after2 - noise2 - scatter2).max(0.0));

@@ -4,7 +4,7 @@
 //! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
 //! costs one simulation for each direction.
 
-use super::bench::{Axis, Bench, Hypothesis, Record, add_priors, pin_idle};
+use super::bench::{Axis, Bench, Hypothesis, Record, add_priors, factor, pin_idle};
 use super::cycles;
 use super::descend::{Found, noise_weights};
 use super::lines::{lines, resonances};
@@ -307,7 +307,7 @@ fn score(
     let (mut information, mut gradient) = found.normal.assemble(&weights);
     add_priors(&bench.rules(base), &found.z, &mut information, &mut gradient);
     pin_idle(&mut information);
-    let Some(nuisance) = information.cholesky() else { return Vec::new() };
+    let Some(nuisance) = factor(information) else { return Vec::new() };
     let settled = nuisance.solve(&gradient);
 
     let scored = |(number, (block, at)): (usize, (Block, usize))| {

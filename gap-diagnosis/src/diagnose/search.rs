@@ -197,6 +197,10 @@ impl Search<'_> {
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
+            if hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+                // What the wrong numbers made of the starts says little.
+                self.settle(&hypothesis, &mut z);
+            }
             self.descend_below(&hypothesis, z, &STAGES[1..], to_beat)
         } else {
             self.descend_below(&hypothesis, z, &LAST_STAGES, to_beat)
