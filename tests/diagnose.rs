@@ -190,31 +190,31 @@ fn rows_that_were_lost_hide_no_effect_beside_them() {
     assert!((share - 1.0 / 40.0).abs() < 2e-3, "{share}");
 }
 
+/// What stays of an end stop is less than the rounding of this converter, and more than the noise that it hides.
 #[test]
 fn a_coarse_converter_hides_no_effect_beside_it() {
-    let mut case = of(EffectId::Creep);
-    let step_um = 0.1;
+    let mut case = of(EffectId::EndStop);
+    let step_um = 1.2;
     for log in case.logs.iter_mut().chain(&mut case.held_out) {
         log.displacement_um.iter_mut().for_each(|y| *y = step_um * (*y / step_um).round());
     }
     let folder = Folder::new("diagnose-coarse");
-    succeeded(&run(&folder, &call(&folder, &case, &["steps", "hold"])));
-    let found = diagnosis(&folder);
-    let mut effects = list(&found["effects"]);
-    effects.sort_unstable();
-    assert_eq!(effects, ["creep", "quantisation"], "{}", found["ranking"]);
-}
-
-/// Forms of many numbers imitate both of two effects at once: the second shows beside the plain form of the first.
-#[test]
-fn two_effects_that_one_form_imitates_are_named() {
-    let case = case(Subject::Effects(vec![EffectId::SensorNonlinearity, EffectId::CoulombFriction]));
-    let folder = Folder::new("diagnose-two");
     succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
     let found = diagnosis(&folder);
     let mut effects = list(&found["effects"]);
     effects.sort_unstable();
-    assert_eq!(effects, ["coulomb_friction", "sensor_nonlinearity"], "{}", found["ranking"]);
+    assert_eq!(effects, ["end_stop", "quantisation"], "{}", found["ranking"]);
+}
+
+#[test]
+fn a_start_that_is_off_hides_no_effect_beside_it() {
+    let case = case(Subject::Effects(vec![EffectId::InitialState, EffectId::SensorOffset]));
+    let folder = Folder::new("diagnose-start");
+    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
+    let found = diagnosis(&folder);
+    let mut effects = list(&found["effects"]);
+    effects.sort_unstable();
+    assert_eq!(effects, ["initial_state", "sensor_offset"], "{}", found["ranking"]);
 }
 
 #[test]
