@@ -136,6 +136,17 @@ fn is_named(effect: EffectId, logs: &[&str]) {
     assert_eq!(names, 3, "nothing but the three files");
 }
 
+/// Two effects are named from steps and sines, and nothing else is; `wanted` in alphabetical order.
+fn are_named(name: &str, case: &Case, wanted: [&str; 2]) -> Value {
+    let folder = Folder::new(&format!("diagnose-{name}"));
+    succeeded(&run(&folder, &call(&folder, case, &["steps", "sines"])));
+    let found = diagnosis(&folder);
+    let mut effects = list(&found["effects"]);
+    effects.sort_unstable();
+    assert_eq!(effects, wanted, "{}", found["ranking"]);
+    found
+}
+
 #[test]
 fn creep_is_named() {
     is_named(EffectId::Creep, &["steps", "hold"]);
@@ -179,12 +190,7 @@ fn rows_that_were_lost_hide_no_effect_beside_them() {
             log.displacement_um[k] = log.displacement_um[k - 1];
         }
     }
-    let folder = Folder::new("diagnose-lost");
-    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
-    let found = diagnosis(&folder);
-    let mut effects = list(&found["effects"]);
-    effects.sort_unstable();
-    assert_eq!(effects, ["lost_samples", "sensor_nonlinearity"], "{}", found["ranking"]);
+    let found = are_named("lost", &case, ["lost_samples", "sensor_nonlinearity"]);
     let share = found["parameters"].as_array().expect("parameters").iter().find(|p| p["effect"] == "lost_samples");
     let share = share.and_then(|p| p["value"].as_f64()).expect("a share");
     assert!((share - 1.0 / 40.0).abs() < 2e-3, "{share}");
@@ -198,23 +204,13 @@ fn a_coarse_converter_hides_no_effect_beside_it() {
     for log in case.logs.iter_mut().chain(&mut case.held_out) {
         log.displacement_um.iter_mut().for_each(|y| *y = step_um * (*y / step_um).round());
     }
-    let folder = Folder::new("diagnose-coarse");
-    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
-    let found = diagnosis(&folder);
-    let mut effects = list(&found["effects"]);
-    effects.sort_unstable();
-    assert_eq!(effects, ["end_stop", "quantisation"], "{}", found["ranking"]);
+    are_named("coarse", &case, ["end_stop", "quantisation"]);
 }
 
 #[test]
 fn a_start_that_is_off_hides_no_effect_beside_it() {
     let case = case(Subject::Effects(vec![EffectId::InitialState, EffectId::SensorOffset]));
-    let folder = Folder::new("diagnose-start");
-    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines"])));
-    let found = diagnosis(&folder);
-    let mut effects = list(&found["effects"]);
-    effects.sort_unstable();
-    assert_eq!(effects, ["initial_state", "sensor_offset"], "{}", found["ranking"]);
+    are_named("start", &case, ["initial_state", "sensor_offset"]);
 }
 
 #[test]

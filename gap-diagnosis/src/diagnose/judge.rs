@@ -138,12 +138,11 @@ impl Course {
         has_gap(&self.refit)
     }
 
-    /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows are known: what is unknown of it counts by
-    /// the fraction of the gap that it leaves, as behind any other effect.
+    /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows or a converter's steps are known: what is
+    /// unknown of it counts by the fraction of the gap that it leaves, as behind any other effect.
     pub fn stays_of(&mut self, whole: f64) {
         let left = ((self.refit.chi - 1.0).max(0.0) / whole.max(1e-12)).sqrt();
-        let judged =
-            Judged { ids: vec!["lost_samples"], left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
+        let judged = Judged { ids: Vec::new(), left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
         let doubt = judged.doubt();
         self.no_gap += (1.0 - doubt) * self.unknown;
         self.unknown *= doubt;
@@ -266,12 +265,17 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         });
         explanations.extend(both);
     }
-    let directions = Directions::of(search, &refit, without);
+    // Scatter bends no number: beside it a direction need not pay more than beside a fit.
+    let well: Vec<Explanation> =
+        scatter.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL).collect();
+    let beside_scatter = well.iter().map(|explanation| explanation.judged.left).fold(1.0, f64::min);
+    let directions = Directions::of(search, &refit, without, beside_scatter);
     let rest = directions.rest;
     if let Some(first) = &directions.first {
-        // Scatter bends no number: beside it a direction need not pay more than beside a fit.
-        let well = scatter.into_iter().filter(|explanation| explanation.judged.left < NEARLY_ALL);
-        explanations.extend(well.map(|explanation| explanation.along(first, rest)));
+        // Without it, scatter has to pay for shifts that no plant has.
+        let is_alone = |e: &&mut Explanation| e.scatter.is_some() && e.candidate.hypothesis.installed.is_empty();
+        explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
+        explanations.extend(well.into_iter().map(|explanation| explanation.along(first, rest)));
     }
     // What the nominal numbers imitate leaves the fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise
     // can be believed about them, or one of which the refit knew the direction before. Beside it one effect may be enough where it takes two alone.
@@ -318,7 +322,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
 
 /// What the nominal numbers imitate, as far as a refit that leaves a gap tells it.
 struct Directions {
-    /// The first that pays for all shifts: beside scatter, which bends no number, that is enough.
+    /// The first that pays for all shifts, or leaves ordinary ones: beside scatter, which bends no number, that is enough.
     first: Option<Freed>,
     /// Those that are sure whatever stays.
     sure: Vec<Freed>,
@@ -330,13 +334,13 @@ struct Directions {
 
 impl Directions {
     /// A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
-    /// the refit leaves of the whole gap is left then, and less of it with what else was found.
-    fn of(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Self {
+    /// the refit leaves of the whole gap is left then, and less of it with what else was found: `beside_scatter` of it with what scatters.
+    fn of(search: &Search<'_>, refit: &Candidate, without: &[&str], beside_scatter: f64) -> Self {
         let excess = refit.chi - 1.0;
         let whole = search.unfitted(&refit.hypothesis) - 1.0;
         let rest = (excess / whole.max(excess)).sqrt();
         let none = Self { first: None, sure: Vec::new(), pairs: Vec::new(), rest };
-        let shifts = if rest < MOSTLY { Shifts::of(search, refit) } else { None };
+        let shifts = if rest * beside_scatter < MOSTLY { Shifts::of(search, refit) } else { None };
         let Some(shifts) = shifts else { return none };
         // Where next to nothing is left, what a direction pays for need not be as much.
         let (is_nothing, is_little) = (rest < BENT, rest < NEARLY_ALL);
@@ -356,8 +360,14 @@ impl Directions {
                 freed.cost < BENT_COST && freed.gain() > FREED_AT_NOISE && !without.contains(&freed.effect)
             })
         });
-        known.retain(|freed| (pays_for_all(freed) || is_sure(freed)) && !without.contains(&freed.effect));
-        Self { first: known.first().cloned(), sure: known.into_iter().filter(is_sure).collect(), pairs, rest }
+        known.retain(|freed| !without.contains(&freed.effect));
+        let is_enough = |freed: &&Freed| {
+            let is_ordinary = freed.cost < BENT_COST && freed.gain() > FREED_AT_NOISE;
+            pays_for_all(freed) || is_sure(freed) || beside_scatter < NEARLY_ALL && is_ordinary
+        };
+        let first = known.iter().find(is_enough).cloned();
+        let sure = if rest < MOSTLY { known.into_iter().filter(is_sure).collect() } else { Vec::new() };
+        Self { first, sure, pairs, rest }
     }
 
     fn are_sure_of(&self, effect: &str) -> bool {
