@@ -271,7 +271,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let beside_scatter = well.iter().map(|explanation| explanation.judged.left).fold(1.0, f64::min);
     let directions = Directions::of(search, &refit, without, beside_scatter);
     let rest = directions.rest;
-    if let Some(first) = &directions.first {
+    if let Some(first) = directions.first.as_ref().filter(|_| !well.is_empty()) {
         // Without it, scatter has to pay for shifts that no plant has.
         let is_alone = |e: &&mut Explanation| e.scatter.is_some() && e.candidate.hypothesis.installed.is_empty();
         explanations.iter_mut().filter(is_alone).for_each(|e| e.judged.prior_cost = PRIOR_MOST / PRIOR_WEIGHT);
