@@ -196,17 +196,6 @@ fn rows_that_were_lost_hide_no_effect_beside_them() {
     assert!((share - 1.0 / 40.0).abs() < 2e-3, "{share}");
 }
 
-/// What stays of an end stop is less than the rounding of this converter, and more than the noise that it hides.
-#[test]
-fn a_coarse_converter_hides_no_effect_beside_it() {
-    let mut case = of(EffectId::EndStop);
-    let step_um = 1.2;
-    for log in case.logs.iter_mut().chain(&mut case.held_out) {
-        log.displacement_um.iter_mut().for_each(|y| *y = step_um * (*y / step_um).round());
-    }
-    are_named("coarse", &case, ["end_stop", "quantisation"]);
-}
-
 #[test]
 fn a_start_that_is_off_hides_no_effect_beside_it() {
     let case = case(Subject::Effects(vec![EffectId::InitialState, EffectId::SensorOffset]));

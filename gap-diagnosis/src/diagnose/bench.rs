@@ -301,12 +301,6 @@ pub struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// Mean square of the steps of lattices that hide the noise, in units of what rows are compared with; zero without such a lattice.
-    pub(super) fn rounding(&self) -> f64 {
-        let of = |record: &Record<'_>| (record.lattice_m / record.resolved_m).powi(2) / 12.0;
-        self.records.iter().map(of).sum::<f64>() / self.records.len().max(1) as f64
-    }
-
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());

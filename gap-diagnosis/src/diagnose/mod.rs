@@ -162,10 +162,6 @@ pub fn diagnose(
     if losses.is_some() {
         course.stays_of(whole);
     }
-    let rounding = if without.contains(&"quantisation") { 0.0 } else { bench.rounding() };
-    if rounding > 0.0 {
-        course.stays_of((course.refit.chi - 1.0).max(0.0) + rounding);
-    }
     let mut found = answer::answer(&search, &course, &benches, options, losses.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {
         found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);

@@ -26,8 +26,6 @@ const STATED_SIGMAS: f64 = 3.0;
 /// Rows that a reading must not repeat by chance, beyond so many times what chance makes.
 const LEAST_REPEATS: usize = 3;
 const MORE_THAN_CHANCE: f64 = 4.0;
-/// A lattice resolves no better than this share of its own rounding: plants and converters are not that exact.
-const FINEST: f64 = 0.1;
 /// Distinct values that a lattice needs.
 const LEAST_DISTINCT: usize = 4;
 
@@ -86,18 +84,8 @@ pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
     });
     for record in records {
         record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m);
-        record.resolved_m = resolved_m(record, stated_m);
+        record.resolved_m = record.noise_m;
     }
-}
-
-/// Rms with which a residual that counts is compared: the noise, on a lattice that of the readings before they were rounded. Rounding and noise add
-/// up in squares; noise that rounding hides is as large as the plant's file says. A true plant leaves less than that beyond a coarse step.
-fn resolved_m(record: &Record<'_>, stated_m: f64) -> f64 {
-    if record.lattice_m <= 0.0 {
-        return record.noise_m;
-    }
-    let apart_m2 = record.noise_m.powi(2) - record.lattice_m.powi(2) / 12.0;
-    stated_m.max(apart_m2.max(0.0).sqrt()).clamp(FINEST * record.noise_m, record.noise_m)
 }
 
 /// Drive held before the first row and its uncertainty, from the first displacement.
@@ -143,13 +131,7 @@ pub fn lattice(values: &[f64]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{FINEST, lattice, lost, record, share_noise};
-    use crate::diagnose::thesis;
-    use plant_sim::log::Log;
-    use plant_sim::param::Param;
-    use rand::{RngExt, SeedableRng};
-    use rand_distr::StandardNormal;
-    use rand_pcg::Pcg64;
+    use super::{lattice, lost};
 
     #[test]
     fn rows_that_repeat_are_lost_unless_chance_made_them() {
@@ -171,39 +153,6 @@ mod tests {
         let mut all: Vec<f64> = (0..2000).map(|k| 50e-6 * (f64::from(k) * 1.3).sin()).collect();
         (1..10).for_each(|k| all[100 * k] = all[100 * k - 1]);
         assert_eq!(lost(&all, 40e-9).iter().filter(|lost| **lost).count(), 9);
-    }
-
-    /// What counts of a true plant's residual is no more than it is compared with, and the less the coarser the lattice is.
-    #[test]
-    fn a_coarse_converter_resolves_what_its_noise_is() {
-        let (model, noise_m, rows) = (thesis(), 20e-9, 200_000);
-        let mut random = Pcg64::seed_from_u64(4);
-        let stated = Param::assumed(1e6 * noise_m);
-        let shares = [0.0, 2e-8, 5e-8, 1e-7].map(|step_m| {
-            let wave = |k: i32| 30e-6 * (0.003 * f64::from(k)).sin();
-            let mut read = |k: i32| {
-                let y = wave(k) + noise_m * random.sample::<f64, _>(StandardNormal);
-                if step_m > 0.0 { (y / step_m).round() * step_m } else { y }
-            };
-            let displacement_m: Vec<f64> = (0..rows).map(&mut read).collect();
-            let log = Log { dt_s: 5e-5, command_v: vec![0.0; displacement_m.len()], displacement_m, ..Log::default() };
-            let mut records = [record(&log, &model.chain(), None)];
-            share_noise(&mut records, Some(&stated));
-            let [record] = records;
-            assert!((record.lattice_m - step_m).abs() <= 1e-3 * step_m, "{} of {step_m}", record.lattice_m);
-            let left = |(k, y): (i32, &f64)| record.off_lattice_m(y - wave(k)).powi(2);
-            let left_m2 = (0..rows).zip(&log.displacement_m).map(left).sum::<f64>() / f64::from(rows);
-            left_m2.sqrt() / record.resolved_m
-        });
-        assert!((shares[0] - 1.0).abs() < 0.05 && shares[3] > 0.2, "{shares:?}");
-        assert!(shares.windows(2).all(|pair| pair[1] < pair[0]), "{shares:?}");
-        // Noise that rounding hides is not known where no file says it.
-        let displacement_m: Vec<f64> =
-            (0..4000).map(|k| 4e-7 * (75.0 * (0.003 * f64::from(k)).sin()).round()).collect();
-        let log = Log { dt_s: 5e-5, command_v: vec![0.0; displacement_m.len()], displacement_m, ..Log::default() };
-        let mut records = [record(&log, &model.chain(), None)];
-        share_noise(&mut records, None);
-        assert!((records[0].resolved_m / records[0].noise_m - FINEST).abs() < 1e-9);
     }
 
     #[test]
