@@ -202,6 +202,13 @@ fn a_start_that_is_off_hides_no_effect_beside_it() {
     are_named("start", &case, ["initial_state", "sensor_offset"]);
 }
 
+/// Late rows bend no number: one that is off is named beside them, though next to all of what stays is theirs.
+#[test]
+fn a_wrong_number_is_named_beside_jitter() {
+    let case = case(Subject::Effects(vec![EffectId::ParameterError, EffectId::SamplingJitter]));
+    are_named("jitter", &case, ["parameter_error", "sampling_jitter"]);
+}
+
 #[test]
 fn a_bench_as_nominal_has_no_gap() {
     let folder = Folder::new("diagnose-null");

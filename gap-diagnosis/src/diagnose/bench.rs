@@ -36,8 +36,6 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
-    /// Rms with which what counts of a residual is compared, in metres: the noise, and on a lattice that hides it what the noise is without.
-    pub resolved_m: f64,
     /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
@@ -84,7 +82,7 @@ impl Record<'_> {
 
     /// What a volt at the drive monitor counts as in metres of displacement, so that both readings have one weight.
     pub fn monitor_m_per_v(&self) -> Option<f64> {
-        self.monitor_v.map(|sigma_v| self.resolved_m / sigma_v)
+        self.monitor_v.map(|sigma_v| self.noise_m / sigma_v)
     }
 }
 
@@ -630,6 +628,19 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::diagnose::thesis;
+
+    /// Two numbers of which only the sum is seen: rounding decides whether they have a factor, and each is known to so many times what it would be.
+    #[test]
+    fn numbers_that_rounding_cannot_tell_apart_are_known_to_little() {
+        let alike = DMatrix::from_row_slice(2, 2, &[4.0, 4.0, 4.0, 4.0]);
+        assert!(alike.clone().cholesky().is_none());
+        let sigma = factor(alike).expect("a factor").inverse()[(0, 0)].sqrt();
+        let times = sigma / 0.5;
+        assert!((5e3..1e4).contains(&times), "{times}");
+        let apart = DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 4.0]);
+        assert_eq!(factor(apart.clone()).map(|f| f.l()), apart.cholesky().map(|f| f.l()));
+        assert!(factor(DMatrix::from_element(1, 1, -1.0)).is_none());
+    }
 
     #[test]
     fn a_hysteron_that_seldom_opens_holds_little_at_rest() {

@@ -59,7 +59,7 @@ impl Found {
 
 /// One over the variance of each log's noise.
 pub fn noise_weights(bench: &Bench<'_>) -> Vec<f64> {
-    bench.records.iter().map(|r| r.resolved_m.powi(-2)).collect()
+    bench.records.iter().map(|r| r.noise_m.powi(-2)).collect()
 }
 
 /// Squares of the shifts of all coordinates that have a prior; `only` the first so many.

@@ -53,7 +53,7 @@ const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
 /// .. or this much, before either is tried in its other forms.
 const PAIR_NEARLY_TAKES: f64 = 0.3;
-/// Forms of so few numbers are plain; so many of them, if they promise this share of what the best lead does.
+/// Forms of so few numbers are plain; so many of them are tried, if they promise this share of what the best lead does.
 const PLAIN: usize = 2;
 const MOST_PLAIN: usize = 1;
 const PLAIN_SHARE: f64 = 0.5;
@@ -108,14 +108,15 @@ impl Fits<'_> {
         candidate.left(self.refit, 1.0)
     }
 
-    /// A second effect beside each of the two best, and beside plain ones.
+    /// A second effect beside each of the two best, and beside a plain one.
     fn pairs(&self, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
         let is_as_good = |fit: &Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
         let most = if self.left(&singles[0]) > HALF { 1 } else { 2 };
-        let best = singles.iter().take(most).filter(|fit| is_as_good(fit)).cloned();
+        let known = &singles[..most.min(singles.len())];
+        let best = known.iter().filter(|fit| is_as_good(fit)).cloned();
         // One by one: the first pair that is found ends the search.
-        let plain = self.plain(leads, &singles[..most]).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
+        let plain = self.plain(leads, known).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
         for (number, first) in best.chain(plain.filter(|fit| self.left(fit) < HARDLY_HALF)).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.07 * number as f64);
             let beside = self.beside(&first, singles, leads);

@@ -138,11 +138,12 @@ impl Course {
         has_gap(&self.refit)
     }
 
-    /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows or a converter's steps are known: what is
-    /// unknown of it counts by the fraction of the gap that it leaves, as behind any other effect.
+    /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows are known: what is unknown of it counts by
+    /// the fraction of the gap that it leaves, as behind any other effect.
     pub fn stays_of(&mut self, whole: f64) {
         let left = ((self.refit.chi - 1.0).max(0.0) / whole.max(1e-12)).sqrt();
-        let judged = Judged { ids: Vec::new(), left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
+        let judged =
+            Judged { ids: vec!["lost_samples"], left, of_worst: 0.0, floor: 0.0, prior_cost: 0.0, parameters: 1 };
         let doubt = judged.doubt();
         self.no_gap += (1.0 - doubt) * self.unknown;
         self.unknown *= doubt;
@@ -406,7 +407,7 @@ fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatte
     let middle2 = sorted[(sorted.len() - 1) / 2];
     let logs = search.bench.records.iter().zip(before2.iter().zip(&after2)).enumerate();
     let left2 = logs.map(|(index, (record, (before2, after2)))| {
-        let own2 = record.resolved_m.powi(2);
+        let own2 = record.noise_m.powi(2);
         let noise2 = if middle2 < ROUGH * ROUGH * own2 { own2.min(middle2) } else { own2 };
         let scatter2 = scatter_m2.get(index).copied().unwrap_or_default();
         let (gap2, left2) = (before2 - noise2, (after2 - noise2 - scatter2).max(0.0));

@@ -42,7 +42,6 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         log,
         run_in,
         noise_m: noise_m.max(LEAST_NOISE_M),
-        resolved_m: noise_m.max(LEAST_NOISE_M),
         lattice_m,
         is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m, noise_m.max(LEAST_NOISE_M)) },
         before_v: before(log, chain),
@@ -84,7 +83,6 @@ pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
     });
     for record in records {
         record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m);
-        record.resolved_m = record.noise_m;
     }
 }
 
