@@ -253,6 +253,21 @@ fn what_the_plant_file_leaves_open_is_no_gap() {
     }
 }
 
+/// Hysterons forget nothing: a start that went astray leaves a gap in its log alone, or in one that was held out, and is no gap of the bench.
+#[test]
+fn a_log_that_its_start_has_locked_is_no_gap() {
+    for seed in [8_812_221, 8_820_581] {
+        let folder = Folder::new(&format!("diagnose-locked-{seed}"));
+        let case =
+            make(&Request { seed, subject: Subject::Null, split: Split::Calibrate, size: Size::Short, strength: None });
+        let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
+        let too = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
+        succeeded(&run(&folder, &too));
+        let found = diagnosis(&folder);
+        assert_eq!(found["verdict"], "no_gap", "{}", found["ranking"]);
+    }
+}
+
 #[test]
 fn the_error_of_a_loop_is_predicted_with_both_plants() {
     let folder = Folder::new("diagnose-loop");

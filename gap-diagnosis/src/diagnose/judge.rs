@@ -194,6 +194,30 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
         // At the noise only the numbers are wrong, and first of all they are asked to come home.
         refit = if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, attempt) };
     }
+    if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
+}
+
+/// A refit that leaves a gap in few logs again, from where the worst of them and each of the others in turn end together: logs lock one another
+/// now and then, though each could be fitted. The best of all.
+fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
+    let bench = search.bench;
+    let (chis, middle) = search.chis(&refit);
+    let Some(worst) = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b])) else { return refit };
+    if middle > AT_NOISE || bench.records.len() < 3 {
+        return refit;
+    }
+    for other in (0..chis.len()).filter(|index| *index != worst) {
+        let logs = [worst, other];
+        let part = Bench::new(bench.model, logs.map(|index| bench.records[index].clone()).to_vec());
+        let found = refitted(&Search { bench: &part, ..*search }, refit.hypothesis.freedom);
+        if !has_gap(&found) {
+            refit = search.refit_from_part(refit, &found, &logs);
+        }
+        if !has_gap(&refit) {
+            let is_bent = refit.found.prior_cost > BENT_COST;
+            return if is_bent { search.unbent(refit) } else { refit };
+        }
+    }
     refit
 }
 

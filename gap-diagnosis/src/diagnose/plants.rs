@@ -250,11 +250,33 @@ fn seek(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize,
     }
 }
 
-/// The same from rest, wherever the start was.
+/// The start of log `index` anew, wherever it was: from rest and from all of these places, that which suits the whole log best, as the first stretch
+/// need not tell what a hysteron holds that moves later.
 pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
     let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
-    z[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
-    settle(bench, hypothesis, z, index);
+    if count == 0 {
+        return;
+    }
+    let record = &bench.records[index];
+    let mut from = z.to_vec();
+    from[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
+    let mut least2 = f64::INFINITY;
+    for edges in corners(bench.hysterons(hypothesis)) {
+        let mut there = from.clone();
+        there[at + 1..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
+        settle_from(bench, hypothesis, &mut there, index);
+        let played = play_log(bench, hypothesis, &there, index);
+        let left = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
+        let squares: Vec<f64> = left.map(|(_, (played, y))| (y - played).powi(2)).collect();
+        let mean2 = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+        if mean2 < least2 {
+            least2 = mean2;
+            z.copy_from_slice(&there);
+        }
+        if least2 < (SETTLED * record.noise_m).powi(2) {
+            return;
+        }
+    }
 }
 
 /// Nowhere, then near either edge of one hysteron after the other, then of several at once.

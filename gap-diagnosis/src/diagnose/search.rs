@@ -92,15 +92,21 @@ impl Search<'_> {
         self.unlocked(self.candidate(hypothesis.clone(), found))
     }
 
-    /// The candidate, or the better one that begins where the logs that it fits worst by far start anew: hysterons forget nothing, and a
-    /// start that went astray locks its log, whatever the plant.
-    fn unlocked(&self, candidate: Candidate) -> Candidate {
+    /// Mean square of each log, and of the one in the middle, in units of the noise.
+    pub fn chis(&self, candidate: &Candidate) -> (Vec<f64>, f64) {
         let weights = noise_weights(self.bench);
         let logs = candidate.found.normal.logs.iter().zip(&weights);
         let chis: Vec<f64> = logs.map(|(log, w)| w * log.mean_m2()).collect();
         let mut sorted = chis.clone();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted[(sorted.len() - 1) / 2];
+        (chis, middle)
+    }
+
+    /// The candidate, or the better one that begins where the logs that it fits worst by far start anew: hysterons forget nothing, and a
+    /// start that went astray locks its log, whatever the plant.
+    fn unlocked(&self, candidate: Candidate) -> Candidate {
+        let (chis, middle) = self.chis(&candidate);
         if middle > NEARLY {
             return candidate;
         }
@@ -174,6 +180,25 @@ impl Search<'_> {
         z[..numbers.len()].copy_from_slice(numbers);
         self.settle(&refit.hypothesis, &mut z);
         let other = self.descend(&refit.hypothesis, z, &LAST_STAGES);
+        cheaper(refit, other)
+    }
+
+    /// The numbers of `found` and its starts, which belong to logs number `logs` of this bench; the others settle there.
+    pub fn refit_from_part(&self, refit: Candidate, found: &Candidate, logs: &[usize]) -> Candidate {
+        let (bench, nominal) = (self.bench, refit.hypothesis.clone());
+        let mut z = bench.origin(&nominal);
+        let (numbers, own) = (bench.free.len(), bench.own(&nominal));
+        z[..numbers].copy_from_slice(&found.found.z[..numbers]);
+        for index in 0..bench.records.len() {
+            match logs.iter().position(|log| *log == index) {
+                Some(place) => {
+                    let (from, to) = (numbers + place * own, bench.own_start(&nominal, index));
+                    z[to..to + own].copy_from_slice(&found.found.z[from..from + own]);
+                }
+                None => settle(bench, &nominal, &mut z, index),
+            }
+        }
+        let other = self.descend(&nominal, z, &LAST_STAGES);
         cheaper(refit, other)
     }
 
