@@ -268,6 +268,25 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
     }
 }
 
+/// What is predicted of logs never shown happens there, though a hum hides where they start, and a payload has led the refit far off.
+#[test]
+fn the_predicted_shrink_is_realised() {
+    for effect in [EffectId::MainsHum, EffectId::PayloadMass] {
+        let folder = Folder::new(&format!("diagnose-shrink-{}", effect.id()));
+        let subject = Subject::Effects(vec![effect]);
+        let case =
+            make(&Request { seed: 8_824_001, subject, split: Split::Calibrate, size: Size::Short, strength: None });
+        let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
+        let too = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
+        succeeded(&run(&folder, &too));
+        let found = diagnosis(&folder);
+        assert_eq!(found["effects"][0], effect.id(), "{}", found["ranking"]);
+        let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
+        let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
+        assert!(shrink > 70.0 && (shrink - predicted).abs() < 5.0, "{shrink} against {predicted} % predicted");
+    }
+}
+
 #[test]
 fn the_error_of_a_loop_is_predicted_with_both_plants() {
     let folder = Folder::new("diagnose-loop");

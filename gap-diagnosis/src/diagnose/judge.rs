@@ -177,12 +177,15 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
 /// The refit, from as many starts as it needs.
 pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     let mut refit = search.refit(freedom);
+    // Where the numbers belong: at nominal, or where a payload or a gain has put them.
+    let mut home = vec![0.0; search.bench.free.len()];
     if let Some(numbers) = along(search.bench, &refit.found).filter(|_| refit.found.prior_cost > BENT_COST) {
         refit = search.polish_from(refit, &numbers);
         // Starts that followed the wrong numbers for long lock their logs.
         if has_gap(&refit) {
             refit = search.resettled(refit, &numbers);
         }
+        home = numbers;
     }
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
@@ -192,7 +195,8 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
             break;
         }
         // At the noise only the numbers are wrong, and first of all they are asked to come home.
-        refit = if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, attempt) };
+        refit =
+            if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, &home, attempt) };
     }
     if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
 }

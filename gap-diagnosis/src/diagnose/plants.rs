@@ -5,6 +5,7 @@
 use super::bench::{Bench, Freedom, Hypothesis, Installed, Record, add_priors};
 use super::normal::{self, reader};
 use super::records::record;
+use crate::residual::samples_per_independent;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
@@ -17,11 +18,6 @@ pub(super) const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
-/// A start from there must leave less than this of the squares to be another valley and no other place in the same one, which the first stretch
-/// leaves open and later motion does not, ..
-const CLEARLY: f64 = 0.8;
-/// .. or, where the first one has settled, so many squares of the noise less.
-const SURELY: f64 = 12.0;
 /// Hysterons of which every corner is tried.
 const MOST_CORNERS: usize = 3;
 /// Steps of that fit at most, and how often a step is shortened.
@@ -113,8 +109,8 @@ impl<'a> Benches<'a> {
                 there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
                 let mut there = on_held(&there);
                 there[own.clone()].copy_from_slice(&z[own.clone()]);
-                settle_from(held, hypothesis, &mut there, index);
-                let moved = play_log(held, hypothesis, &there, index);
+                let settled = settle_from(held, hypothesis, there, index);
+                let moved = play_log(held, hypothesis, &settled.z, index);
                 played[from..].iter().zip(&moved[from..]).map(|(a, b)| (a - b).powi(2)).sum()
             };
             moves.iter().map(apart2).sum()
@@ -225,28 +221,19 @@ pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], 
 
 /// The same, from all of these places if `from_all`: where no later fit will mend it, a start that reaches the noise need not be the right one.
 fn seek(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize, from_all: bool) {
-    if bench.start_count(hypothesis) == 0 {
-        return;
+    let mut all: Vec<Settled> = Vec::new();
+    for settled in places(bench, hypothesis, z.to_vec(), index) {
+        if settled.is_at_noise(&bench.records[index]) && !from_all {
+            return z.copy_from_slice(&settled.z);
+        }
+        all.push(settled);
     }
-    let first = bench.own_start(hypothesis, index) + 1;
-    let from = z.to_vec();
-    let record = &bench.records[index];
-    let noise2 = record.noise_m.powi(2);
-    let settled2 = SETTLED * SETTLED * noise2;
-    let rows = first_stretch(record).len() as f64;
-    let mut least2 = f64::INFINITY;
-    for edges in corners(bench.hysterons(hypothesis)) {
-        let mut there = from.clone();
-        there[first..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
-        let mean2 = settle_from(bench, hypothesis, &mut there, index);
-        let is_surely_less = least2 < settled2 && rows * (least2 - mean2) > SURELY * noise2;
-        if mean2 < CLEARLY * least2 || is_surely_less {
-            least2 = mean2;
-            z.copy_from_slice(&there);
-        }
-        if least2 < settled2 && !from_all {
-            return;
-        }
+    let least = all.iter().min_by(|a, b| a.mean2.total_cmp(&b.mean2));
+    // What the plant misses lasts: its rows count as the independent ones that they are worth.
+    let rows = least.map_or(0.0, |least| least.left.len() as f64 / samples_per_independent(&least.left));
+    let cost = |settled: &Settled| rows * settled.mean2.ln() + settled.prior_cost;
+    if let Some(best) = all.iter().min_by(|a, b| cost(a).total_cmp(&cost(b))) {
+        z.copy_from_slice(&best.z);
     }
 }
 
@@ -254,28 +241,51 @@ fn seek(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize,
 /// need not tell what a hysteron holds that moves later.
 pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
     let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
-    if count == 0 {
-        return;
-    }
     let record = &bench.records[index];
     let mut from = z.to_vec();
     from[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
     let mut least2 = f64::INFINITY;
-    for edges in corners(bench.hysterons(hypothesis)) {
-        let mut there = from.clone();
-        there[at + 1..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
-        settle_from(bench, hypothesis, &mut there, index);
-        let played = play_log(bench, hypothesis, &there, index);
-        let left = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
-        let squares: Vec<f64> = left.map(|(_, (played, y))| (y - played).powi(2)).collect();
-        let mean2 = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+    for settled in places(bench, hypothesis, from, index) {
+        let played = play_log(bench, hypothesis, &settled.z, index);
+        let rows = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
+        let left: Vec<f64> = rows.map(|(_, (played, y))| y - played).collect();
+        let mean2 = left.iter().map(|r| r * r).sum::<f64>() / left.len().max(1) as f64;
         if mean2 < least2 {
             least2 = mean2;
-            z.copy_from_slice(&there);
+            z.copy_from_slice(&settled.z);
         }
         if least2 < (SETTLED * record.noise_m).powi(2) {
             return;
         }
+    }
+}
+
+/// Where the start of log `index` settles from `z` as it is and from every corner beside it; nowhere without a start to settle.
+fn places(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> impl Iterator<Item = Settled> {
+    let first = bench.own_start(hypothesis, index) + 1;
+    let has_start = bench.start_count(hypothesis) > 0;
+    let corners = if has_start { corners(bench.hysterons(hypothesis)) } else { Vec::new() };
+    corners.into_iter().map(move |edges| {
+        let mut there = z.clone();
+        there[first..].iter_mut().zip(edges).for_each(|(z, edge)| *z += edge);
+        settle_from(bench, hypothesis, there, index)
+    })
+}
+
+/// A start that has settled in the first stretch of its log.
+struct Settled {
+    /// Coordinates.
+    z: Vec<f64>,
+    /// What stays of the first stretch, and its mean square.
+    left: Vec<f64>,
+    mean2: f64,
+    /// What the start costs under its priors.
+    prior_cost: f64,
+}
+
+impl Settled {
+    fn is_at_noise(&self, record: &Record<'_>) -> bool {
+        self.mean2 < (SETTLED * record.noise_m).powi(2)
     }
 }
 
@@ -291,8 +301,8 @@ fn corners(hysterons: usize) -> Vec<Vec<f64>> {
     all
 }
 
-/// One descent of [`settle`] from `z`; the mean square that it ends with.
-fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) -> f64 {
+/// One descent of [`settle`] from `z`.
+fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, mut z: Vec<f64>, index: usize) -> Settled {
     let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
     let record = &bench.records[index];
     let stretch = first_stretch(record);
@@ -315,8 +325,8 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
         (0..count).map(column).collect()
     };
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut here = residuals(z);
-    let mut columns = sensitivities(z, &here);
+    let mut here = residuals(&z);
+    let mut columns = sensitivities(&z, &here);
     let mut is_fresh = true;
     for _ in 0..STEPS {
         let squares = dot(&here, &here);
@@ -326,9 +336,9 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
         let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], &here));
         add_priors(rules, &z[at..], &mut information, &mut gradient);
         let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { break };
-        let before = weight * squares + prior(z);
+        let before = weight * squares + prior(&z);
         let to = |share: f64| {
-            let mut there = z.to_vec();
+            let mut there = z.clone();
             for (i, rule) in rules.iter().enumerate() {
                 let step = (share * change[i]).clamp(-rule.most, rule.most);
                 there[at + i] = (z[at + i] + step).clamp(rule.bounds[0], rule.bounds[1]);
@@ -341,7 +351,7 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
             if is_fresh {
                 break;
             }
-            (columns, is_fresh) = (sensitivities(z, &here), true);
+            (columns, is_fresh) = (sensitivities(&z, &here), true);
             continue;
         };
         let moved: Vec<f64> = (0..count).map(|i| there[at + i] - z[at + i]).collect();
@@ -351,13 +361,13 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
         let is_over = gained < 1e-4 * before;
         let is_as_foreseen = dot(&next, &next) < AS_FORESEEN * dot(&foreseen, &foreseen);
         let was_fresh = is_fresh;
-        z.copy_from_slice(&there);
+        z = there;
         here = next;
         if is_over && was_fresh {
             break;
         }
         if is_over || !is_as_foreseen {
-            (columns, is_fresh) = (sensitivities(z, &here), true);
+            (columns, is_fresh) = (sensitivities(&z, &here), true);
             continue;
         }
         // Broyden (1965): the sensitivities that would have foreseen this step, in units of the largest ones.
@@ -371,7 +381,7 @@ fn settle_from(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index:
         }
         is_fresh = false;
     }
-    dot(&here, &here) / here.len().max(1) as f64
+    Settled { mean2: dot(&here, &here) / here.len().max(1) as f64, left: here, prior_cost: prior(&z), z }
 }
 
 /// Rows to which a start is fitted.

@@ -152,17 +152,17 @@ impl Search<'_> {
         (0..self.bench.records.len()).for_each(|index| settle(self.bench, hypothesis, z, index));
     }
 
-    /// The refit from another start: where the nominal numbers let the starts settle, then on the other side of nominal, then where the
-    /// priors allow. The better of both.
-    pub fn refit_elsewhere(&self, refit: Candidate, attempt: u64) -> Candidate {
+    /// The refit from another start: where the numbers of `home` let the starts settle, then on the other side of them, then where the
+    /// priors allow about them. The better of both.
+    pub fn refit_elsewhere(&self, refit: Candidate, home: &[f64], attempt: u64) -> Candidate {
         let mut z = self.bench.origin(&refit.hypothesis);
         let mut random = Pcg64::seed_from_u64(attempt);
         for (i, free) in self.bench.free.iter().enumerate() {
             let draw: f64 = random.random_range(-1.5..1.5);
             z[i] = match attempt {
-                0 => 0.0,
-                1 => -refit.found.z[i],
-                _ => free.prior_sigma * draw,
+                0 => home[i],
+                1 => 2.0 * home[i] - refit.found.z[i],
+                _ => home[i] + free.prior_sigma * draw,
             };
         }
         let mut stages = &STAGES[2..];
