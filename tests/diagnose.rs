@@ -253,17 +253,21 @@ fn what_the_plant_file_leaves_open_is_no_gap() {
     }
 }
 
+/// What is said of a case in a form that need not be the registry's, from all of its logs and scored on both that were never shown.
+fn diagnosis_of_calibrate(name: &str, seed: u64, subject: Subject) -> Value {
+    let folder = Folder::new(name);
+    let case = make(&Request { seed, subject, split: Split::Calibrate, size: Size::Short, strength: None });
+    let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
+    let call = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
+    succeeded(&run(&folder, &call));
+    diagnosis(&folder)
+}
+
 /// Hysterons forget nothing: a start that went astray leaves a gap in its log alone, or in one that was held out, and is no gap of the bench.
 #[test]
 fn a_log_that_its_start_has_locked_is_no_gap() {
     for seed in [8_812_221, 8_820_581] {
-        let folder = Folder::new(&format!("diagnose-locked-{seed}"));
-        let case =
-            make(&Request { seed, subject: Subject::Null, split: Split::Calibrate, size: Size::Short, strength: None });
-        let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
-        let too = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
-        succeeded(&run(&folder, &too));
-        let found = diagnosis(&folder);
+        let found = diagnosis_of_calibrate(&format!("diagnose-locked-{seed}"), seed, Subject::Null);
         assert_eq!(found["verdict"], "no_gap", "{}", found["ranking"]);
     }
 }
@@ -272,14 +276,8 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
 #[test]
 fn the_predicted_shrink_is_realised() {
     for effect in [EffectId::MainsHum, EffectId::PayloadMass] {
-        let folder = Folder::new(&format!("diagnose-shrink-{}", effect.id()));
         let subject = Subject::Effects(vec![effect]);
-        let case =
-            make(&Request { seed: 8_824_001, subject, split: Split::Calibrate, size: Size::Short, strength: None });
-        let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
-        let too = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
-        succeeded(&run(&folder, &too));
-        let found = diagnosis(&folder);
+        let found = diagnosis_of_calibrate(&format!("diagnose-shrink-{}", effect.id()), 8_824_001, subject);
         assert_eq!(found["effects"][0], effect.id(), "{}", found["ranking"]);
         let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
         let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));

@@ -6,7 +6,7 @@ use super::fits::{FOUND, Fits, HOPELESS, PAIR_BEYOND};
 use super::normal::Sums;
 use super::records::ROUGH;
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Remainder, Search};
+use super::search::{Candidate, Remainder, Search, middle};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, along, freed};
 use plant_sim::effects::{Effect, Form, find};
@@ -179,18 +179,18 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     let mut refit = search.refit(freedom);
     // Where the numbers belong: at nominal, or where a payload or a gain has put them.
     let mut home = vec![0.0; search.bench.free.len()];
-    if let Some(numbers) = along(search.bench, &refit.found).filter(|_| refit.found.prior_cost > BENT_COST) {
+    if let Some(numbers) = along(search.bench, &refit.found).filter(|_| is_bent(&refit)) {
         refit = search.polish_from(refit, &numbers);
         // Starts that followed the wrong numbers for long lock their logs.
         if has_gap(&refit) {
-            refit = search.resettled(refit, &numbers);
+            refit = search.resettled(refit, &numbers, &[]);
         }
         home = numbers;
     }
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
     for attempt in 0..RESTARTS {
-        let (has_gap, is_bent) = (has_gap(&refit), refit.found.prior_cost > BENT_COST);
+        let (has_gap, is_bent) = (has_gap(&refit), is_bent(&refit));
         if !(has_gap || is_bent) || refit.chi > LOCAL_MINIMUM {
             break;
         }
@@ -205,24 +205,28 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
 /// now and then, though each could be fitted. The best of all.
 fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
     let bench = search.bench;
-    let (chis, middle) = search.chis(&refit);
+    let chis = search.chis(&refit.found);
     let Some(worst) = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b])) else { return refit };
-    if middle > AT_NOISE || bench.records.len() < 3 {
+    if middle(&chis) > AT_NOISE || chis.len() < 3 {
         return refit;
     }
     for other in (0..chis.len()).filter(|index| *index != worst) {
         let logs = [worst, other];
         let part = Bench::new(bench.model, logs.map(|index| bench.records[index].clone()).to_vec());
         let found = refitted(&Search { bench: &part, ..*search }, refit.hypothesis.freedom);
-        if !has_gap(&found) {
-            refit = search.refit_from_part(refit, &found, &logs);
+        if has_gap(&found) {
+            continue;
         }
+        refit = search.resettled(refit, &found.found.z, &logs);
         if !has_gap(&refit) {
-            let is_bent = refit.found.prior_cost > BENT_COST;
-            return if is_bent { search.unbent(refit) } else { refit };
+            return if is_bent(&refit) { search.unbent(refit) } else { refit };
         }
     }
     refit
+}
+
+fn is_bent(refit: &Candidate) -> bool {
+    refit.found.prior_cost > BENT_COST
 }
 
 pub(super) fn has_gap(refit: &Candidate) -> bool {
@@ -430,9 +434,7 @@ fn moved_m(bench: &Bench<'_>, freed: &Freed) -> f64 {
 fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatter_m2: &[f64]) -> f64 {
     let mean2 = |candidate: &Candidate| -> Vec<f64> { candidate.found.normal.logs.iter().map(Sums::mean_m2).collect() };
     let (before2, after2) = (mean2(refit), mean2(fit));
-    let mut sorted = after2.clone();
-    sorted.sort_by(f64::total_cmp);
-    let middle2 = sorted[(sorted.len() - 1) / 2];
+    let middle2 = middle(&after2);
     let logs = search.bench.records.iter().zip(before2.iter().zip(&after2)).enumerate();
     let left2 = logs.map(|(index, (record, (before2, after2)))| {
         let own2 = record.noise_m.powi(2);

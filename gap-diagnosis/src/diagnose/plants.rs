@@ -222,8 +222,8 @@ pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], 
 /// The same, from all of these places if `from_all`: where no later fit will mend it, a start that reaches the noise need not be the right one.
 fn seek(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize, from_all: bool) {
     let mut all: Vec<Settled> = Vec::new();
-    for settled in places(bench, hypothesis, z.to_vec(), index) {
-        if settled.is_at_noise(&bench.records[index]) && !from_all {
+    for settled in settlings(bench, hypothesis, z.to_vec(), index) {
+        if is_at_noise(settled.mean2, &bench.records[index]) && !from_all {
             return z.copy_from_slice(&settled.z);
         }
         all.push(settled);
@@ -245,7 +245,7 @@ pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f
     let mut from = z.to_vec();
     from[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
     let mut least2 = f64::INFINITY;
-    for settled in places(bench, hypothesis, from, index) {
+    for settled in settlings(bench, hypothesis, from, index) {
         let played = play_log(bench, hypothesis, &settled.z, index);
         let rows = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
         let left: Vec<f64> = rows.map(|(_, (played, y))| y - played).collect();
@@ -254,14 +254,14 @@ pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f
             least2 = mean2;
             z.copy_from_slice(&settled.z);
         }
-        if least2 < (SETTLED * record.noise_m).powi(2) {
+        if is_at_noise(least2, record) {
             return;
         }
     }
 }
 
 /// Where the start of log `index` settles from `z` as it is and from every corner beside it; nowhere without a start to settle.
-fn places(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> impl Iterator<Item = Settled> {
+fn settlings(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> impl Iterator<Item = Settled> {
     let first = bench.own_start(hypothesis, index) + 1;
     let has_start = bench.start_count(hypothesis) > 0;
     let corners = if has_start { corners(bench.hysterons(hypothesis)) } else { Vec::new() };
@@ -283,10 +283,8 @@ struct Settled {
     prior_cost: f64,
 }
 
-impl Settled {
-    fn is_at_noise(&self, record: &Record<'_>) -> bool {
-        self.mean2 < (SETTLED * record.noise_m).powi(2)
-    }
+fn is_at_noise(mean2: f64, record: &Record<'_>) -> bool {
+    mean2 < (SETTLED * record.noise_m).powi(2)
 }
 
 /// Nowhere, then near either edge of one hysteron after the other, then of several at once.

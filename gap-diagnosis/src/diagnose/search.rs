@@ -76,9 +76,8 @@ pub struct Search<'a> {
 
 impl Search<'_> {
     fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
+        let worst_chi = self.chis(&found).into_iter().fold(0.0, f64::max);
         let weights = noise_weights(self.bench);
-        let logs = found.normal.logs.iter().zip(&weights);
-        let worst_chi = logs.map(|(log, w)| w * log.mean_m2()).fold(0.0, f64::max);
         let chi = found.normal.cost(&weights) / found.normal.rows().max(1) as f64;
         Candidate { hypothesis, found, chi, worst_chi }
     }
@@ -92,21 +91,17 @@ impl Search<'_> {
         self.unlocked(self.candidate(hypothesis.clone(), found))
     }
 
-    /// Mean square of each log, and of the one in the middle, in units of the noise.
-    pub fn chis(&self, candidate: &Candidate) -> (Vec<f64>, f64) {
+    /// Mean square of each log in units of the noise.
+    pub fn chis(&self, found: &Found) -> Vec<f64> {
         let weights = noise_weights(self.bench);
-        let logs = candidate.found.normal.logs.iter().zip(&weights);
-        let chis: Vec<f64> = logs.map(|(log, w)| w * log.mean_m2()).collect();
-        let mut sorted = chis.clone();
-        sorted.sort_by(f64::total_cmp);
-        let middle = sorted[(sorted.len() - 1) / 2];
-        (chis, middle)
+        found.normal.logs.iter().zip(&weights).map(|(log, w)| w * log.mean_m2()).collect()
     }
 
     /// The candidate, or the better one that begins where the logs that it fits worst by far start anew: hysterons forget nothing, and a
     /// start that went astray locks its log, whatever the plant.
     fn unlocked(&self, candidate: Candidate) -> Candidate {
-        let (chis, middle) = self.chis(&candidate);
+        let chis = self.chis(&candidate.found);
+        let middle = middle(&chis);
         if middle > NEARLY {
             return candidate;
         }
@@ -174,31 +169,24 @@ impl Search<'_> {
         cheaper(refit, other)
     }
 
-    /// The refit from `numbers`, where all starts settle anew; the better of both.
-    pub fn resettled(&self, refit: Candidate, numbers: &[f64]) -> Candidate {
-        let mut z = self.bench.origin(&refit.hypothesis);
+    /// The refit from the numbers that `found` begins with, where starts settle anew but those of `logs`, which follow in `found` one after the other;
+    /// the better of both.
+    pub fn resettled(&self, refit: Candidate, found: &[f64], logs: &[usize]) -> Candidate {
+        let (bench, nominal) = (self.bench, &refit.hypothesis);
+        let mut z = bench.origin(nominal);
+        let (numbers, starts) = found.split_at(bench.free.len());
         z[..numbers.len()].copy_from_slice(numbers);
-        self.settle(&refit.hypothesis, &mut z);
-        let other = self.descend(&refit.hypothesis, z, &LAST_STAGES);
-        cheaper(refit, other)
-    }
-
-    /// The numbers of `found` and its starts, which belong to logs number `logs` of this bench; the others settle there.
-    pub fn refit_from_part(&self, refit: Candidate, found: &Candidate, logs: &[usize]) -> Candidate {
-        let (bench, nominal) = (self.bench, refit.hypothesis.clone());
-        let mut z = bench.origin(&nominal);
-        let (numbers, own) = (bench.free.len(), bench.own(&nominal));
-        z[..numbers].copy_from_slice(&found.found.z[..numbers]);
+        let own = bench.own(nominal);
         for index in 0..bench.records.len() {
             match logs.iter().position(|log| *log == index) {
                 Some(place) => {
-                    let (from, to) = (numbers + place * own, bench.own_start(&nominal, index));
-                    z[to..to + own].copy_from_slice(&found.found.z[from..from + own]);
+                    let at = bench.own_start(nominal, index);
+                    z[at..at + own].copy_from_slice(&starts[place * own..(place + 1) * own]);
                 }
-                None => settle(bench, &nominal, &mut z, index),
+                None => settle(bench, nominal, &mut z, index),
             }
         }
-        let other = self.descend(&nominal, z, &LAST_STAGES);
+        let other = self.descend(nominal, z, &LAST_STAGES);
         cheaper(refit, other)
     }
 
@@ -359,6 +347,13 @@ impl Search<'_> {
     pub fn screen(&self, candidate: &Candidate, starts: &Starts, without: &[&str]) -> Vec<Lead> {
         screen(self.bench, &candidate.hypothesis, &candidate.found, starts, without, self.simulations)
     }
+}
+
+/// The one in the middle, the lower of two.
+pub(super) fn middle(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(sorted.len() - 1) / 2]
 }
 
 fn cheaper(one: Candidate, other: Candidate) -> Candidate {
