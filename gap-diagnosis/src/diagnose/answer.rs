@@ -4,7 +4,7 @@ use super::augment::{Augmented, Changed, Estimate, augment};
 use super::bench::{Bench, Record};
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
-use super::gap::{Gap, LeftWith, ShareOf, Three, expected, gap, shares};
+use super::gap::{Gap, Left, LeftWith, ShareOf, Three, expected, gap, shares};
 use super::judge::{Course, Explanation, has_gap, refitted};
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
@@ -203,7 +203,10 @@ pub(super) fn answer(
     }
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
-    let expected = expected(benches, &three, LeftWith::of(&found.random), found.spread2_m2(benches));
+    let spread_m2 = found.spread_m2(benches);
+    let left =
+        Left { with: LeftWith::of(&found.random), spread_m2: &spread_m2, left_out_m2: found.left_out_m2.as_deref() };
+    let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];
     if beyond.is_none() && gap.surprises(&expected) {
@@ -315,38 +318,33 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
     let nominal = refit.part(fitted, false, |_| true);
     let played = benches.play(&refit);
     let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
-    let not_portable_m2 = if found.variant.has_own_parts() {
+    let not_portable = if found.variant.has_own_parts() {
         let of_lines = |i: &super::bench::Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
         let mut silent = found.variant.part(fitted, true, |i| !of_lines(i));
         silent.starts_known = true;
         let silent = benches.play(&silent);
         let parts = augmented.iter().zip(&silent).zip(&fitted.records);
-        let parts = parts.map(|((with, without), record)| (record.log.dt_s, difference2(with, without)));
         let lasts_s = |record: &Record<'_>| record.log.len() as f64 * record.log.dt_s;
         let held_s: Vec<f64> = benches.held.iter().flat_map(|held| &held.records).map(lasts_s).collect();
-        mean_while_held(parts, &held_s)
+        let of_log = |((with, without), record): ((&Played, &Played), &Record<'_>)| {
+            while_held(record.log.dt_s, &difference2(with, without), &held_s)
+        };
+        parts.map(of_log).collect()
     } else {
-        0.0
+        Vec::new()
     };
-    Three { nominal: benches.play(&nominal), refit: played, augmented, not_portable_m2 }
+    Three { nominal: benches.play(&nominal), refit: played, augmented, not_portable }
 }
 
 fn difference2(one: &[f64], other: &[f64]) -> Vec<f64> {
     one.iter().zip(other).map(|(a, b)| (a - b).powi(2)).collect()
 }
 
-/// Mean of fitted logs' rows (each with the seconds between them) over as long as each held-out log lasts, `held_s`: a drift grows, and what
-/// a long log shows of it is not asked of a short one.
-fn mean_while_held(logs: impl Iterator<Item = (f64, Vec<f64>)>, held_s: &[f64]) -> f64 {
-    let (mut rows, mut sum) = (0usize, 0.0);
-    for (dt_s, values) in logs {
-        for held_s in held_s {
-            let alike = &values[..values.len().min((held_s / dt_s).round() as usize)];
-            rows += alike.len();
-            sum += alike.iter().sum::<f64>();
-        }
-    }
-    sum / rows.max(1) as f64
+/// Number and sum of a fitted log's rows, `dt_s` apart, over as long as each held-out log lasts, `held_s`: a drift grows, and what a long log shows of
+/// it is not asked of a short one.
+fn while_held(dt_s: f64, values: &[f64], held_s: &[f64]) -> [f64; 2] {
+    let alike = held_s.iter().map(|held_s| &values[..values.len().min((held_s / dt_s).round() as usize)]);
+    alike.fold([0.0; 2], |[rows, sum], alike| [rows + alike.len() as f64, sum + alike.iter().sum::<f64>()])
 }
 
 /// Identifiers, largest share first.
@@ -524,13 +522,12 @@ mod tests {
     #[test]
     fn a_long_log_counts_for_no_longer_than_a_held_out_one_lasts() {
         let drift2 = |rows: usize| (0..rows).map(|row| (row as f64).powi(2)).collect::<Vec<f64>>();
-        // Ten rows and a hundred, of which a held-out log of ten seconds sees ten each, and one of five seconds five.
-        let mean = |held_s: &[f64]| mean_while_held([(1.0, drift2(10)), (1.0, drift2(100))].into_iter(), held_s);
-        assert_eq!(mean(&[10.0]), 28.5);
-        assert_eq!(mean(&[5.0]), 6.0);
-        assert_eq!(mean(&[10.0, 5.0]), (2.0 * 285.0 + 2.0 * 30.0) / 30.0);
+        // Of a hundred rows a held-out log of ten seconds sees ten, and one of five seconds five; of ten rows no more than there are.
+        assert_eq!(while_held(1.0, &drift2(100), &[10.0]), [10.0, 285.0]);
+        assert_eq!(while_held(1.0, &drift2(100), &[10.0, 5.0]), [15.0, 315.0]);
+        assert_eq!(while_held(1.0, &drift2(10), &[50.0]), [10.0, 285.0]);
         // Half as many seconds between rows: twice as many rows.
-        assert_eq!(mean_while_held([(0.5, drift2(100))].into_iter(), &[5.0]), 28.5);
-        assert_eq!(mean(&[]), 0.0);
+        assert_eq!(while_held(0.5, &drift2(100), &[5.0]), [10.0, 285.0]);
+        assert_eq!(while_held(1.0, &drift2(10), &[]), [0.0; 2]);
     }
 }

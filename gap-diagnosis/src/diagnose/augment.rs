@@ -1,7 +1,7 @@
 //! The plant with what was found: numbers with their uncertainty, effects as sections of their own, and the model file.
 
 use super::bench::{Bench, Freedom, Record};
-use super::descend::{covariance, descend};
+use super::descend::{covariance, descend, left_out_m2};
 use super::judge::Explanation;
 use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
@@ -20,8 +20,6 @@ const NO_PRIOR: f64 = 10.0;
 const AGAIN: [f64; 2] = [3.0, 0.0];
 /// Mean square in units of the noise below which a fit is worth more accuracy than the search's.
 const NEAR: f64 = 1.2;
-/// Median of a normal's square in shares of its mean.
-const MEDIAN_OF_SQUARE: f64 = 0.455;
 /// Below this sigma, as a logarithm, a plant is linear in its numbers.
 const LINEAR: f64 = 1e-3;
 /// Squares that a move by one sigma may cost on the fitted logs, in units of independent noise; 1 at most where the plant is linear.
@@ -67,6 +65,8 @@ pub(super) struct Augmented {
     pub variant: Variant,
     /// Covariance of the coordinates, residuals correlated as they are.
     covariance: Option<DMatrix<f64>>,
+    /// Mean square that each fitted log would leave more if the others alone told the shared numbers, metres squared.
+    pub left_out_m2: Option<Vec<f64>>,
     /// Weight of a fitted row of each log in it, per square metre.
     weights: Vec<f64>,
     /// What the nominal numbers imitate, if that is named.
@@ -96,8 +96,9 @@ pub(super) fn augment(
         }
         let weights = search.independent_weights(&base);
         let covariance = covariance(bench, &base.hypothesis, &base.found, &weights);
+        let left_out_m2 = left_out_m2(bench, &base.hypothesis, &base.found, &weights);
         let variant = Variant { hypothesis: base.hypothesis, z: base.found.z, starts_known: true };
-        return Augmented { variant, covariance, weights, freed, random };
+        return Augmented { variant, covariance, left_out_m2, weights, freed, random };
     }
     let mut model = bench.model.clone();
     let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
@@ -122,15 +123,16 @@ pub(super) fn augment(
     let candidate = Candidate { hypothesis, found, ..base.clone() };
     let weights = Search { bench: &bench, simulations: search.simulations }.independent_weights(&candidate);
     let covariance = covariance(&bench, &candidate.hypothesis, &candidate.found, &weights);
+    let left_out_m2 = left_out_m2(&bench, &candidate.hypothesis, &candidate.found, &weights);
     let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-    Augmented { variant, covariance, weights, freed, random }
+    Augmented { variant, covariance, left_out_m2, weights, freed, random }
 }
 
 impl Augmented {
-    /// Mean square that the uncertainty of all shared numbers most likely makes on the held-out rows that are scored, metres squared: the
-    /// median, because a few undetermined numbers make most of it and may as well be right.
-    pub fn spread2_m2(&self, benches: &Benches<'_>) -> f64 {
-        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return 0.0 };
+    /// What the uncertainty of all shared numbers makes on the held-out rows that are scored: mean squares of independent normal draws' factors,
+    /// metres squared. A few undetermined numbers make most of it.
+    pub fn spread_m2(&self, benches: &Benches<'_>) -> Vec<f64> {
+        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return Vec::new() };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
         let axes = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
         let fitted = benches.play_fitted(&self.variant);
@@ -149,7 +151,8 @@ impl Augmented {
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
-        MEDIAN_OF_SQUARE * benches.mean_square_moved_m2(&self.variant, &moves)
+        // Changes along independent numbers add up row by row, and so their power is that along other independent ones, of which each has its own.
+        benches.moved_m2(&self.variant, &moves).symmetric_eigenvalues().iter().map(|m2| m2.max(0.0)).collect()
     }
 
     /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start

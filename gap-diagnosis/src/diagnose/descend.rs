@@ -5,7 +5,7 @@
 //! the priors hold the nominal numbers together until the fit is near.
 
 use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, factor, pin_idle};
-use super::normal::{Normal, Sensitivities, evaluate};
+use super::normal::{Normal, Sensitivities, Sums, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
 
@@ -254,6 +254,44 @@ fn bounded_step(
         }
     }
     None
+}
+
+/// By how much the mean square of each log would be larger, metres squared, if the others alone told the shared numbers, while its own follow:
+/// leaving out by groups in a linear plant, under `weights` and priors.
+pub(super) fn left_out_m2(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    found: &Found,
+    weights: &[f64],
+) -> Option<Vec<f64>> {
+    let (rules, shared) = (bench.rules(hypothesis), bench.shared(hypothesis));
+    let told_by = |weights: &[f64]| {
+        let (mut information, mut gradient) = found.normal.assemble(weights);
+        add_priors(&rules, &found.z, &mut information, &mut gradient);
+        pin_idle(&mut information);
+        Some(factor(information)?.solve(&gradient).rows(0, shared).into_owned())
+    };
+    let by_all = told_by(weights)?;
+    let one = |(index, sums): (usize, &Sums)| {
+        let mut others = weights.to_vec();
+        others[index] = 0.0;
+        let (at, own) = (bench.own_start(hypothesis, index), bench.own(hypothesis));
+        // What stays of the log where the shared numbers move by `change` and its own follow.
+        let squares_m2 = |change: &DVector<f64>| {
+            let weight = weights[index];
+            let rest = sums.gradient.rows(shared, own) - sums.products.view((shared, 0), (own, shared)) * change;
+            let mut information = weight * sums.products.view((shared, shared), (own, own));
+            let mut gradient = weight * rest;
+            add_priors(&rules[at..at + own], &found.z[at..at + own], &mut information, &mut gradient);
+            pin_idle(&mut information);
+            let follows = factor(information)?.solve(&gradient);
+            let all = DVector::from_iterator(shared + own, change.iter().chain(&follows).copied());
+            Some(sums.squares_m2 - 2.0 * sums.gradient.dot(&all) + all.dot(&(&sums.products * &all)))
+        };
+        let more = squares_m2(&told_by(&others)?)? - squares_m2(&by_all)?;
+        Some(more.max(0.0) / sums.rows.max(1) as f64)
+    };
+    found.normal.logs.iter().enumerate().map(one).collect()
 }
 
 /// Covariance of all coordinates under `weights`, one over the variance of a row of each log; priors included.

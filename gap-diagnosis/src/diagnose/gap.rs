@@ -1,12 +1,15 @@
 //! How large the gap is, how far it shrinks and what shares the effects have in that (of all rows; the gap itself is told on rows never fitted).
 
-use super::judge::LEAST_GAP;
+use super::judge::{AT_NOISE, LEAST_GAP};
 use super::plants::{Benches, Played, Variant, scored_from};
 use super::random::Random;
 use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
+/// Relative sigma of the noise's power: it is known to a few per cent.
+const NOISE_KNOWN: f64 = 0.03;
 /// Length of the bootstrap's blocks in seconds, and the cells that a block is made of. Blocks outlast the plant's ringing and most of what
 /// one step leaves; cells only save time.
 const BLOCK_S: f64 = 0.05;
@@ -38,6 +41,9 @@ pub struct Gap {
     pub closure_percent: f64,
     /// What the fitted rows alone lead one to expect of `shrink_percent`.
     pub predicted_shrink_percent: f64,
+    /// Its 95 % interval if the named forms hold, over the fitted logs and the uncertainty of all numbers. A form that goes wrong only where no
+    /// fitted log has been is beyond it: how often that happens, the blind check counts.
+    pub predicted_shrink_percent_ci95: [f64; 2],
 }
 
 /// A player's share of what is explained.
@@ -54,8 +60,9 @@ pub(super) struct Three {
     pub nominal: Vec<Played>,
     pub refit: Vec<Played>,
     pub augmented: Vec<Played>,
-    /// Mean square on the fitted logs of what no plant carries over to another log: lines, whose phases are each log's own.
-    pub not_portable_m2: f64,
+    /// Rows of each fitted log and their squares, metres squared, of what no plant carries over to another log, if there is such a thing: lines,
+    /// whose phases are each log's own.
+    pub not_portable: Vec<[f64; 2]>,
 }
 
 /// Sums over a stretch: rows, squares of nominal, refit, augmented, and of the noise.
@@ -141,6 +148,7 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, see
         shrink_percent_ci95: interval(&logs, seed),
         closure_percent,
         predicted_shrink_percent: expected.shrink_percent,
+        predicted_shrink_percent_ci95: expected.shrink_percent_ci95,
     }
 }
 
@@ -153,7 +161,7 @@ impl Gap {
     }
 }
 
-/// 2.5th and 97.5th percentile of the shrink over resampled blocks.
+/// 95 % interval of the shrink, over resampled blocks.
 fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
     let mut random = Pcg64::seed_from_u64(seed);
     // Sums from the start, so that a block is a difference.
@@ -177,7 +185,7 @@ fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
         return [0.0, 0.0];
     }
     let blocks = logs.iter().map(Vec::len).sum::<usize>().div_ceil(CELLS);
-    let mut shrinks: Vec<f64> = (0..RESAMPLES)
+    let shrinks = (0..RESAMPLES)
         .map(|_| {
             let mut all = Sums::default();
             for _ in 0..blocks {
@@ -188,16 +196,17 @@ fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
             all.shrink_percent()
         })
         .collect();
-    shrinks.sort_by(f64::total_cmp);
-    [shrinks[RESAMPLES * 25 / 1000], shrinks[RESAMPLES * 975 / 1000 - 1]]
+    middle_95(shrinks)
 }
 
 /// What the fitted rows and the headline's commands lead one to expect on the headline's rows.
 pub(super) struct Expected {
-    /// Mean square beyond the noise that the named plant leaves, metres squared.
+    /// Mean square beyond the noise that the named plant leaves, metres squared; as likely more as less.
     pub left2_m2: f64,
-    /// 100 (1 - named / nominal).
+    /// 100 (1 - named / nominal) for that.
     pub shrink_percent: f64,
+    /// Its 95 % interval.
+    pub shrink_percent_ci95: [f64; 2],
 }
 
 /// What the power that the named plant leaves goes with, from row to row.
@@ -222,10 +231,26 @@ impl LeftWith {
     }
 }
 
+/// What the fitted logs say of what stays on others.
+pub(super) struct Left<'l> {
+    /// What it goes with.
+    pub with: LeftWith,
+    /// Mean squares that independent normal numbers make on the headline's rows, metres squared: the uncertainty of what is shared.
+    pub spread_m2: &'l [f64],
+    /// Mean square that each fitted log would leave more if the others alone told what is shared, metres squared.
+    pub left_out_m2: Option<&'l [f64]>,
+}
+
 /// The plants' difference on the headline's rows is what will be gained; what the fitted rows leave unexplained stays, in the same
-/// proportion to what it goes with, and so does what the numbers' uncertainty makes there, `spread2_m2` a row.
-pub(super) fn expected(benches: &Benches<'_>, three: &Three, left_with: LeftWith, spread2_m2: f64) -> Expected {
-    let (mut fitted, mut headline) = ([0.0; 3], [0.0; 4]);
+/// proportion to what it goes with, and so does what the numbers' uncertainty makes there. A form that leaves more than noise has bent the
+/// numbers to suit these logs: of others it leaves as much as of these where they are left out. A log that no fit saw is another one: for
+/// the interval what stays of it is drawn log by log.
+pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, seed: u64) -> Expected {
+    // Of each fitted log: what goes with what stays, what stays, noise, rows, and rows and squares of what is each log's own. Of the headline's
+    // rows: number, difference, noise, what goes with what stays.
+    let mut fitted = vec![[0.0; 6]; benches.fitted.records.len()];
+    fitted.iter_mut().zip(&three.not_portable).for_each(|(log, own)| log[4..].copy_from_slice(own));
+    let mut headline = [0.0; 4];
     for (index, record) in benches.records().enumerate() {
         let augmented = &three.augmented[index];
         let noise2 = record.noise_m.powi(2);
@@ -235,7 +260,7 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left_with: LeftWith
         };
         for (row, &measured) in record.log.displacement_m.iter().enumerate() {
             let difference2 = (three.nominal[index][row] - augmented[row]).powi(2);
-            let goes_with = match left_with {
+            let goes_with = match left.with {
                 LeftWith::Difference => difference2,
                 LeftWith::Speed => speed2(row),
                 LeftWith::Nothing => 1.0,
@@ -243,19 +268,57 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left_with: LeftWith
             if is_scored(benches, index, row) {
                 let sums = headline.iter_mut().zip([1.0, difference2, noise2, goes_with]);
                 sums.for_each(|(sum, more)| *sum += more);
-            } else if index < benches.fitted.records.len() && row >= record.run_in {
+            } else if row >= record.run_in
+                && let Some(fitted) = fitted.get_mut(index)
+            {
                 let left2 = (measured - augmented[row]).powi(2) - noise2;
-                fitted.iter_mut().zip([1.0, goes_with, left2]).for_each(|(sum, more)| *sum += more);
+                fitted.iter_mut().zip([goes_with, left2, noise2, 1.0]).for_each(|(sum, more)| *sum += more);
             }
         }
     }
-    let lines2 = if benches.held.is_some() { three.not_portable_m2 * headline[0] } else { 0.0 };
-    let unexplained2 = if fitted[1] > 0.0 { fitted[2].max(0.0) / fitted[1] * headline[3] } else { 0.0 };
-    let left2 = unexplained2 + lines2 + spread2_m2 * headline[0];
-    let (before2, after2) = (headline[1] + left2 + headline[2], left2 + headline[2]);
-    let shrink_percent =
-        if headline[1] > 0.0 && fitted[1] > 0.0 { 100.0 * (1.0 - (after2 / before2).sqrt()) } else { 0.0 };
-    Expected { left2_m2: left2 / f64::max(headline[0], 1.0), shrink_percent }
+    let [rows, difference2, noise2, goes_with] = headline;
+    let sum = |logs: &[[f64; 6]], of: usize| logs.iter().map(|log| log[of]).sum::<f64>();
+    // What scatters bends no number.
+    let is_form = matches!(left.with, LeftWith::Difference);
+    if is_form && sum(&fitted, 1) > (AT_NOISE - 1.0) * sum(&fitted, 2) {
+        let more_m2 = left.left_out_m2.into_iter().flatten();
+        fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log[1] += log[3] * more_m2);
+    }
+    let per = |sum: f64, of: f64| if of > 0.0 { sum / of } else { 0.0 };
+    let stays2 = |logs: &[[f64; 6]]| {
+        let unexplained2 = per(sum(logs, 1).max(0.0), sum(logs, 0)) * goes_with;
+        let own2 = if benches.held.is_some() { per(sum(logs, 5), sum(logs, 4)) * rows } else { 0.0 };
+        unexplained2 + own2
+    };
+    let shrink_percent = |left2: f64, noise2: f64| {
+        let (before2, after2) = (difference2 + left2 + noise2, left2 + noise2);
+        if difference2 > 0.0 { 100.0 * (1.0 - (after2 / before2).sqrt()) } else { 0.0 }
+    };
+    let mut random = Pcg64::seed_from_u64(seed);
+    let others = benches.held.as_ref().map_or(fitted.len(), |held| held.records.len());
+    let draws = (0..RESAMPLES).map(|_| {
+        let logs: Vec<[f64; 6]> = (0..others).map(|_| fitted[random.random_range(0..fitted.len())]).collect();
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        let spread2 = rows * left.spread_m2.iter().map(|m2| m2 * normal().powi(2)).sum::<f64>();
+        let noise2 = noise2 * (1.0 + NOISE_KNOWN * normal());
+        (spread2, shrink_percent(stays2(&logs) + spread2, noise2))
+    });
+    let (mut spread, shrinks): (Vec<f64>, Vec<f64>) = draws.unzip();
+    spread.sort_by(f64::total_cmp);
+    let left2 = stays2(&fitted) + spread[RESAMPLES / 2];
+    let point = shrink_percent(left2, noise2);
+    let [low, high] = middle_95(shrinks);
+    Expected {
+        left2_m2: left2 / rows.max(1.0),
+        shrink_percent: point,
+        shrink_percent_ci95: [low.min(point), high.max(point)],
+    }
+}
+
+/// 2.5th and 97.5th percentile of the resamples.
+fn middle_95(mut resampled: Vec<f64>) -> [f64; 2] {
+    resampled.sort_by(f64::total_cmp);
+    [resampled[RESAMPLES * 25 / 1000], resampled[RESAMPLES * 975 / 1000 - 1]]
 }
 
 /// Mean square beyond the noise on all rows, metres squared: a held-out log may not show what the hold or the multisine does.
@@ -354,8 +417,13 @@ mod tests {
             shrink_percent_ci95: [0.0; 2],
             closure_percent: 0.0,
             predicted_shrink_percent: 0.0,
+            predicted_shrink_percent_ci95: [0.0; 2],
         };
-        let expected = |left_um: f64| Expected { left2_m2: (1e-6 * left_um).powi(2), shrink_percent: 0.0 };
+        let expected = |left_um: f64| Expected {
+            left2_m2: (1e-6 * left_um).powi(2),
+            shrink_percent: 0.0,
+            shrink_percent_ci95: [0.0; 2],
+        };
         assert!(!gap(0.03).surprises(&expected(0.0)) && gap(0.08).surprises(&expected(0.0)));
         assert!(!gap(0.3).surprises(&expected(0.05)) && gap(0.5).surprises(&expected(0.05)));
     }

@@ -90,33 +90,45 @@ impl<'a> Benches<'a> {
         (0..held.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// Mean square of what the predictions for the held-out logs change, on the rows that are scored, when the first coordinates of
-    /// `variant` are moved by each of `moves`; all moves together. Starts follow, and stay in the valley where they settled.
-    pub fn mean_square_moved_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> f64 {
-        let Some(held) = &self.held else { return 0.0 };
+    /// What the predictions for the held-out logs change on the rows that are scored when the first coordinates of `variant` are moved by each of
+    /// `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow, and stay in the valley where they
+    /// settled.
+    pub fn moved_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> DMatrix<f64> {
+        let zero = || DMatrix::zeros(moves.len(), moves.len());
+        let Some(held) = &self.held else { return zero() };
         let hypothesis = &variant.hypothesis;
         let on_held = |z: &[f64]| carry(&self.fitted, hypothesis, z, held, hypothesis, false);
         let z = on_held(&variant.z);
-        let one = |index: usize| -> f64 {
+        let one = |index: usize| -> DMatrix<f64> {
             let record = &held.records[index];
             let mut z = z.clone();
             seek(held, hypothesis, &mut z, index, true);
-            let (played, from) = (play_log(held, hypothesis, &z, index), scored_from(record));
             let at = held.own_start(hypothesis, index);
             let own = at..at + held.start_count(hypothesis);
-            let apart2 = |by: &Vec<f64>| -> f64 {
+            let settled = |by: &Vec<f64>| {
                 let mut there = variant.z.clone();
                 there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
                 let mut there = on_held(&there);
                 there[own.clone()].copy_from_slice(&z[own.clone()]);
-                let settled = settle_from(held, hypothesis, there, index);
-                let moved = play_log(held, hypothesis, &settled.z, index);
-                played[from..].iter().zip(&moved[from..]).map(|(a, b)| (a - b).powi(2)).sum()
+                settle_from(held, hypothesis, there, index).z
             };
-            moves.iter().map(apart2).sum()
+            let moved: Vec<Vec<f64>> = moves.iter().map(settled).collect();
+            // All plants row by row beside each other: what each predicts for a long log need not be kept.
+            let mut here = reader(held, hypothesis, &z, index);
+            let mut there: Vec<_> = moved.iter().map(|z| reader(held, hypothesis, z, index)).collect();
+            let mut products = zero();
+            for row in 0..record.log.len() {
+                let here_m = here.next_m();
+                let by = DVector::from_iterator(there.len(), there.iter_mut().map(|there| there.next_m() - here_m));
+                if row >= scored_from(record) {
+                    products.ger(1.0, &by, &by, 1.0);
+                }
+            }
+            products
         };
         let rows: usize = held.records.iter().map(|record| record.log.len() - scored_from(record)).sum();
-        (0..held.records.len()).into_par_iter().map(one).sum::<f64>() / rows.max(1) as f64
+        let sum = (0..held.records.len()).into_par_iter().map(one).reduce(zero, |a, b| a + b);
+        sum / rows.max(1) as f64
     }
 }
 

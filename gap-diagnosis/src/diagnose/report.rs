@@ -64,8 +64,9 @@ impl Diagnosis {
     }
 
     fn facts(&self) -> Vec<(String, String)> {
-        let shrink = format!("{:.1} %", self.gap.predicted_shrink_percent).replace('-', "−");
-        let mut facts = vec![("shrink predicted from the fitted rows".to_owned(), shrink)];
+        let [low, high] = self.gap.predicted_shrink_percent_ci95;
+        let shrink = format!("{:.1} % [{low:.1}, {high:.1}]", self.gap.predicted_shrink_percent).replace('-', "−");
+        let mut facts = vec![("shrink predicted from the fitted rows, if the forms hold".to_owned(), shrink)];
         facts.extend(self.closed_loop.as_ref().map(|of| {
             let [nominal, augmented] =
                 [of.nominal_error_um, of.augmented_error_um].map(|error_um| four_digits(error_um, "µm"));

@@ -122,10 +122,10 @@ pub struct Gap {
     pub augmented_rms_um: Option<f64>,
     /// How far the gap shrank.
     pub shrink_percent: Option<f64>,
-    /// Its 95 % interval.
-    pub shrink_percent_ci95: Option<(f64, f64)>,
     /// How far it was said to shrink before that was tried.
     pub predicted_shrink_percent: Option<f64>,
+    /// The 95 % interval of that.
+    pub predicted_shrink_percent_ci95: Option<(f64, f64)>,
     /// How far the gap closed, noise taken off.
     pub closure_percent: Option<f64>,
 }

@@ -130,7 +130,7 @@ pub struct Closure {
     pub median_miss_percent: f64,
     /// The prediction and what was realised are within 5 points.
     pub within_5_points: Rate,
-    /// The prediction lies inside the realised shrink's 95 % interval.
+    /// The realised shrink lies inside the prediction's 95 % interval.
     pub inside_ci95: Rate,
 }
 
@@ -221,13 +221,13 @@ fn closure(cases: &[Case]) -> Closure {
         gaps.iter().filter_map(|gap| Some((gap.predicted_shrink_percent?, *gap))).collect();
     let miss = |(predicted, gap): &(f64, &Gap)| Some((predicted - gap.shrink_percent?).abs());
     let misses: Vec<f64> = predicted.iter().filter_map(miss).collect();
-    let intervals = predicted.iter().filter_map(|(predicted, gap)| Some((*predicted, gap.shrink_percent_ci95?)));
+    let realised = gaps.iter().filter_map(|gap| Some((gap.shrink_percent?, gap.predicted_shrink_percent_ci95?)));
     Closure {
         cases: closed.len(),
         median_percent: median(closed),
         predicted: predicted.len(),
         within_5_points: Rate::count(&misses, |miss| *miss <= 5.0),
         median_miss_percent: median(misses),
-        inside_ci95: Rate::count(intervals, |(predicted, (low, high))| (low..=high).contains(&predicted)),
+        inside_ci95: Rate::count(realised, |(shrink, (low, high))| (low..=high).contains(&shrink)),
     }
 }

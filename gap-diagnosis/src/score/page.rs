@@ -268,7 +268,7 @@ fn rest(score: &Score) -> Vec<Vec<String>> {
         ("pairs: both, whatever else", pairs.both),
         ("pairs: both and nothing else", pairs.exact),
         ("predicted shrink within 5 points of the realised one", score.closure.within_5_points),
-        ("predicted shrink inside the realised one's 95 %", score.closure.inside_ci95),
+        ("realised shrink inside the predicted one's 95 %", score.closure.inside_ci95),
     ]
     .iter()
     .map(|(name, rate)| rate_row(name, rate))

@@ -17,7 +17,7 @@ fn answer(effects: &[&str], ranking: &[(&str, f64)], set90: &[&str], classes: &[
         "schema": "hysteron-diagnosis-1", "verdict": verdict, "effects": effects, "stage": null, "ranking": ranking,
         "set90": set90, "classes": classes,
         "gap": { "refit_rms_um": 0.1, "augmented_rms_um": 0.011, "closure_percent": 97.0, "shrink_percent": 80.0,
-                 "shrink_percent_ci95": [78.0, 82.0], "predicted_shrink_percent": 81.0 },
+                 "predicted_shrink_percent": 81.0, "predicted_shrink_percent_ci95": [78.0, 82.0] },
         "next_experiment": null,
     });
     Answer::parse(&text.to_string()).unwrap()
