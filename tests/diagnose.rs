@@ -282,6 +282,38 @@ fn the_predicted_shrink_is_realised() {
         let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
         let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
         assert!(shrink > 70.0 && (shrink - predicted).abs() < 5.0, "{shrink} against {predicted} % predicted");
+        let [low, high] = [0, 1].map(|at| found["gap"]["predicted_shrink_percent_ci95"][at].as_f64().expect("a bound"));
+        assert!(
+            low <= predicted && predicted <= high && low <= shrink && shrink <= high,
+            "{shrink} in [{low}, {high}]"
+        );
+    }
+}
+
+/// Another element of the hysteresis lets the refit bend all numbers as a gain would; with the element in, they are ordinary, and no gain is left.
+#[test]
+fn an_effect_that_leaves_ordinary_numbers_needs_no_gain() {
+    let found = diagnosis_of_calibrate(
+        "diagnose-no-gain",
+        8_367_768_457_000_907_389,
+        Subject::Effects(vec![EffectId::ExtraHysteron]),
+    );
+    assert_eq!(found["effects"], serde_json::json!(["extra_hysteron"]), "{}", found["ranking"]);
+    // One element is enough, and a second one would go astray where no log is fitted.
+    assert_eq!(found["parameters"].as_array().expect("a table").len(), 3, "{}", found["parameters"]);
+}
+
+/// In a form of its own an effect may be told as two. Of these the one leads without which the other explains least: a zero that is off beside its
+/// own breathing, and a mode beside the mass that it seems to bring along.
+#[test]
+fn of_an_effect_told_as_two_the_right_one_leads() {
+    let cases =
+        [(EffectId::SensorOffset, 4_358_165_478_238_254_297), (EffectId::VibrationMode, 9_650_436_421_822_354_281)];
+    for (effect, seed) in cases {
+        let subject = Subject::Effects(vec![effect]);
+        let found = diagnosis_of_calibrate(&format!("diagnose-leads-{}", effect.id()), seed, subject);
+        assert_eq!(found["effects"].as_array().expect("a list").len(), 2, "{}", found["effects"]);
+        assert_eq!(found["ranking"][0]["effect"], effect.id(), "{}", found["ranking"]);
     }
 }
 

@@ -171,7 +171,7 @@ impl Fits<'_> {
         pairs.sort_by(by_chi);
         let mut twins = Vec::new();
         if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
-            twins = self.twins(singles, first, &seconds, lead);
+            twins = self.twins(best, singles, first, &seconds, lead);
             *best = self.least(best.clone());
         }
         let worth =
@@ -212,20 +212,29 @@ impl Fits<'_> {
         }
     }
 
-    /// What a pair of `first` with `lead` may be taken for: either of them with what was as good as the other.
-    fn twins(&self, singles: &[Candidate], first: &Candidate, seconds: &[Lead], lead: &Lead) -> Vec<Candidate> {
-        let own = first.hypothesis.ids();
-        let others = singles.iter().filter(|other| {
-            let ids = other.hypothesis.ids();
-            ids != own && !ids.contains(&lead.effect.id()) && self.left(other) < TWIN * self.left(first)
+    /// What a found `pair`, `first` with the effect of `lead`, may be taken for: either of them with what was as good as the other, from where the
+    /// pair ended, as its forms need not be those that it began with.
+    fn twins(
+        &self,
+        pair: &Candidate,
+        singles: &[Candidate],
+        first: &Candidate,
+        seconds: &[Lead],
+        lead: &Lead,
+    ) -> Vec<Candidate> {
+        let is_new = |id: &str| !pair.hypothesis.ids().contains(&id);
+        let firsts = singles.iter().filter(|other| {
+            other.hypothesis.ids().into_iter().all(is_new) && self.left(other) < TWIN * self.left(first)
         });
-        let mut twins: Vec<Candidate> =
-            others.take(MOST_TWINS).map(|other| self.search.extend(other, lead, false)).collect();
+        let of_first = first.hypothesis.ids();
+        let instead_of_first = |other: &Candidate| self.search.in_valley_of(pair, of_first.first()?, other);
+        let mut twins: Vec<Candidate> = firsts.take(MOST_TWINS).filter_map(instead_of_first).collect();
         let is_as_good = |other: &&Lead| {
-            other.effect.id() != lead.effect.id() && (other.gain > AS_MUCH * lead.gain || is_lag(lead) && is_lag(other))
+            is_new(other.effect.id()) && (other.gain > AS_MUCH * lead.gain || is_lag(lead) && is_lag(other))
         };
-        let others = distinct(seconds).into_iter().filter(is_as_good);
-        twins.extend(others.take(MOST_TWINS).map(|other| self.search.extend(first, other, false)));
+        let instead_of_lead =
+            |other: &Lead| self.search.instead(pair, lead.effect.id(), (other.effect, other.form), &other.values);
+        twins.extend(distinct(seconds).into_iter().filter(is_as_good).take(MOST_TWINS).filter_map(instead_of_lead));
         twins
     }
 
@@ -284,7 +293,8 @@ impl Fits<'_> {
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         self.kin(&mut fits);
         let fits = self.rivals(fits, leads);
-        fits.into_iter().map(|fit| if fit.chi < AT_NOISE { self.shared(fit) } else { fit }).collect()
+        let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
+        fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect()
     }
 
     /// A rival must not hang on where its own search began: plants forget nothing, so that one log may be locked in another valley. Rivals of the
@@ -305,7 +315,7 @@ impl Fits<'_> {
             }
             let forms = effect.forms().iter().filter(|form| is_at_noise && form.kind == Kind::Predictable);
             let kin = forms.filter_map(|form| self.search.in_kin(&best, effect, form));
-            let moved = known.and_then(|known| self.search.in_valley_of(&best, &fits[known]));
+            let moved = known.and_then(|known| self.search.in_valley_of(&best, own.effect.id(), &fits[known]));
             let Some(nearest) = kin.chain(moved).min_by(|a, b| a.chi.total_cmp(&b.chi)) else { continue };
             match known {
                 Some(known) if is_bent(&fits[known]) && nearest.chi < AT_NOISE || nearest.chi < fits[known].chi => {
@@ -342,6 +352,24 @@ impl Fits<'_> {
         }
         let shared = self.search.in_form(&fit, installed.effect, form, &mean);
         shared.filter(|shared| shared.chi < AS_WELL * fit.chi).unwrap_or(fit)
+    }
+
+    /// A fit in the form of its effect with the fewest numbers that fits as well from there: what nothing needs goes astray on another log.
+    fn sparest(&self, fit: Candidate, leads: &[Lead]) -> Candidate {
+        let Some(installed) = fit.hypothesis.installed.last() else { return fit };
+        let own = leads.iter().find(|l| (l.effect.id(), l.form.name) == (installed.effect.id(), installed.form.name));
+        let Some(numbers) = own.map(|lead| self.numbers(lead)) else { return fit };
+        let is_sparer = |lead: &&Lead| {
+            lead.effect.id() == installed.effect.id() && self.numbers(lead) < numbers && lead.share > HOPELESS
+        };
+        let mut sparer: Vec<&Lead> = leads.iter().filter(is_sparer).collect();
+        sparer.sort_by_key(|lead| self.numbers(lead));
+        let mut tried = sparer.into_iter().take(MOST_OTHERS);
+        let as_well = tried.find_map(|lead| {
+            let changed = self.search.in_form(&fit, lead.effect, lead.form, &lead.values)?;
+            (changed.chi < AS_WELL * fit.chi).then_some(changed)
+        });
+        as_well.unwrap_or(fit)
     }
 
     /// The state at the start as a lead, if much of what `fit` leaves lies there: no direction shows how much of it a start explains.

@@ -21,7 +21,7 @@ pub(super) const RESOLVED: f64 = 20.0;
 const RESTARTS: u64 = 4;
 const LOCAL_MINIMUM: f64 = 400.0;
 /// Squares of the numbers' shifts beyond which a refit may have bent them: a dozen numbers make a dozen, give or take five.
-const BENT_COST: f64 = 30.0;
+pub(super) const BENT_COST: f64 = 30.0;
 /// A fit that leaves less than this may show the refit a better minimum, and one that leaves less than this is a better one.
 const MUCH_BETTER: f64 = 0.7;
 /// Least chi-square by which a freed symmetry must lower the shifts' cost beside an effect that was fitted.
@@ -37,7 +37,7 @@ const FREED_OF_ALL: f64 = 25.0;
 const MUCH_LARGER: f64 = 8.0;
 /// .. and by so many times where it pays for six sigma only.
 const FAR_LARGER: f64 = 30.0;
-const PAYS_FOR_ALL: f64 = 0.05;
+pub(super) const PAYS_FOR_ALL: f64 = 0.05;
 /// Entries that shift the displacement as a whole.
 const OFFSETS: [&str; 2] = ["sensor_offset", "asymmetric_hysteresis"];
 pub(super) const NEARLY_ALL: f64 = 0.1;
@@ -72,6 +72,8 @@ pub struct Explanation {
     pub candidate: Candidate,
     /// The directions that were freed, for effects that the nominal numbers imitate.
     pub freed: Vec<Freed>,
+    /// Chi-square by which they cost more than others of the same fit, beyond what a prior cost counts.
+    dearer: f64,
     /// Probability that the fit beside a direction that is sure by itself is none of the registry's.
     pub doubted: f64,
     /// For an effect that no simulation predicts: its form, and the scatter that tells its number.
@@ -89,12 +91,20 @@ impl Explanation {
             prior_cost: candidate.found.prior_cost,
             parameters: candidate.hypothesis.parameters(),
         };
-        Self { judged, probability: 0.0, candidate: candidate.clone(), freed: Vec::new(), doubted: 0.0, scatter: None }
+        Self {
+            judged,
+            probability: 0.0,
+            candidate: candidate.clone(),
+            freed: Vec::new(),
+            dearer: 0.0,
+            doubted: 0.0,
+            scatter: None,
+        }
     }
 
     /// Chi-square that speaks against it beforehand.
     fn rarer(&self) -> f64 {
-        self.freed.iter().map(|freed| freed.rarer).sum()
+        self.dearer + self.freed.iter().map(|freed| freed.rarer).sum::<f64>()
     }
 
     /// The same with `id` beside it, which no simulation shows.
@@ -304,6 +314,15 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let beside_scatter = well.iter().map(|explanation| explanation.judged.left).fold(1.0, f64::min);
     let directions = Directions::of(search, &refit, without, beside_scatter);
     let rest = directions.rest;
+    if !directions.sure.is_empty() {
+        // A fit that leaves the numbers ordinary needs no direction: it explains the whole gap as well as one does.
+        let is_ordinary =
+            |e: &&mut Explanation| !e.candidate.hypothesis.installed.is_empty() && e.judged.prior_cost < BENT_COST;
+        for explanation in explanations.iter_mut().filter(is_ordinary) {
+            explanation.judged.left *= rest;
+            explanation.judged.floor *= rest;
+        }
+    }
     if let Some(first) = directions.first.as_ref().filter(|_| !well.is_empty()) {
         // Without it, scatter has to pay for shifts that no plant has.
         let is_alone = |e: &&mut Explanation| e.scatter.is_some() && e.candidate.hypothesis.installed.is_empty();
@@ -320,8 +339,9 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         if left >= MOSTLY {
             continue;
         }
-        let (known, others): (Vec<Freed>, Vec<Freed>) =
+        let (mut known, others): (Vec<Freed>, Vec<Freed>) =
             freed(search, fit).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
+        known.retain(|freed| freed.gain() > FREED_AT_NOISE);
         let is_ordinary = |freed: &Freed| fit.chi < AT_NOISE && freed.cost < BENT_COST;
         let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
         let is_known = |freed: &Freed| left < FOUND && is_believed(freed) || is_large(bench, freed, fit);
@@ -333,7 +353,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         }
         // What is none of the registry's beside a sure direction leaves that direction alone.
         let doubted = explained(fit).judged.doubt();
-        let beside = by_symmetry(known, fit, left * rest, floor * rest, without, FREED_AT_NOISE);
+        let beside = by_symmetry(known, fit, left * rest, floor * rest, without, 0.0);
         explanations.extend(beside.into_iter().map(|explanation| Explanation { doubted, ..explanation }));
         explanations.extend(by_symmetry(others, fit, left, bent(fit, floor), without, FREED_AT_NOISE));
     }
@@ -526,13 +546,18 @@ fn by_symmetry<F: Into<Vec<Freed>>>(
     least: f64,
 ) -> Vec<Explanation> {
     let is_worth = |freed: &Vec<Freed>| freed.iter().all(|f| !without.contains(&f.effect) && f.gain() > least);
+    let freed: Vec<Vec<Freed>> = freed.into_iter().map(Into::into).filter(is_worth).collect();
+    let doubtful = |freed: &Freed| freed.cost.max(PRIOR_MOST / PRIOR_WEIGHT);
+    let least = freed.iter().map(|freed| doubtful(&freed[0])).fold(f64::INFINITY, f64::min);
     let explanation = |freed: Vec<Freed>| {
         let alone = Explanation::by_fit(fit, left, floor);
         let mut explanation = freed.iter().fold(alone, |explanation, freed| explanation.and(freed.effect));
         explanation.judged.prior_cost = freed[0].cost;
+        // However doubtful all of them are, one fit's directions are told by what they cost.
+        explanation.dearer = 2.0 * PRIOR_WEIGHT * (doubtful(&freed[0]) - least);
         Explanation { freed, ..explanation }
     };
-    freed.into_iter().map(Into::into).filter(is_worth).map(explanation).collect()
+    freed.into_iter().map(explanation).collect()
 }
 
 #[cfg(test)]

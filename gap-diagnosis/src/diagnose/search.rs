@@ -235,7 +235,18 @@ impl Search<'_> {
         form: &'static Form,
         values: &[f64],
     ) -> Option<Candidate> {
-        let place = fit.hypothesis.installed.iter().position(|installed| installed.effect.id() == effect.id())?;
+        self.instead(fit, effect.id(), (effect, form), values)
+    }
+
+    /// A fit with a form of another effect in the place of `id`, from where the fit ended; it is installed last then.
+    pub fn instead(
+        &self,
+        fit: &Candidate,
+        id: &str,
+        (effect, form): (&'static dyn Effect, &'static Form),
+        values: &[f64],
+    ) -> Option<Candidate> {
+        let place = fit.hypothesis.installed.iter().position(|installed| installed.effect.id() == id)?;
         Some(self.replaced(fit, place, effect, form, values))
     }
 
@@ -252,15 +263,14 @@ impl Search<'_> {
         Some(self.replaced(fit, fit.hypothesis.installed.len() - 1, effect, form, &values))
     }
 
-    /// The effect of `other` in the place of the last one of `fit`, from where `fit` ended and with the values of `other`; none where they belong to
+    /// The effect of `other` in the place of `id` in `fit`, from where `fit` ended and with the values of `other`; none where they belong to
     /// each log.
-    pub fn in_valley_of(&self, fit: &Candidate, other: &Candidate) -> Option<Candidate> {
+    pub fn in_valley_of(&self, fit: &Candidate, id: &str, other: &Candidate) -> Option<Candidate> {
         let installed = other.hypothesis.installed.last()?;
         let is_shared =
             installed.form.kind == Kind::Predictable && installed.axes.iter().all(|axis| !axis.parameter.per_log);
         let values = self.bench.values(&other.hypothesis, &other.found.z, 0).pop().filter(|_| is_shared)?;
-        let place = fit.hypothesis.installed.len().checked_sub(1)?;
-        Some(self.replaced(fit, place, installed.effect, installed.form, &values))
+        self.instead(fit, id, (installed.effect, installed.form), &values)
     }
 
     /// A fit with a form of `effect` instead of what is installed at `place`; it is installed last then.

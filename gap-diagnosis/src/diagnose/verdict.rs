@@ -1,7 +1,7 @@
 //! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
 
-use super::evidence::SHARPNESS;
-use super::judge::{Course, Explanation};
+use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SECOND, SHARPNESS};
+use super::judge::{BENT_COST, Course, Explanation, PAYS_FOR_ALL};
 use super::random::{CONFIDENCE, Random};
 use super::search::Search;
 use super::symmetry::{Freed, Shifts};
@@ -16,11 +16,10 @@ const GOOD: f64 = 0.10;
 /// Fits that leave much, but as much as one another within this share, are one answer as well, up to this fraction.
 const ALIKE: f64 = 0.05;
 const HALF: f64 = 0.5;
-/// Logarithm of a ratio of probabilities beyond which it makes no difference any more, and below which there is none.
-const CERTAIN: f64 = 12.0;
+/// Least that a member counts as needed.
 const NOT_NEEDED: f64 = 0.1;
 /// What of an explanation's probability each of its members gets at least.
-const LEAST_SHARE: f64 = 0.3;
+const LEAST_SHARE: f64 = 0.2;
 /// Entries that are decided by priors alone.
 const BY_PRIORS: [&str; 4] = ["payload_mass", "amplifier_gain", "sensor_gain", "parameter_error"];
 
@@ -103,11 +102,9 @@ pub(super) fn ranking(
     };
     for explanation in &course.explanations {
         let mut members: Vec<(&str, f64)> = if named.is_some_and(|named| std::ptr::eq(named, explanation)) {
-            let own = (explanation.judged.ids.as_slice(), explanation.probability);
-            let all = || course.explanations.iter().map(|other| (other.judged.ids.as_slice(), other.probability));
-            own.0.iter().map(|id| (*id, needed(all(), own, id))).collect()
+            explanation.judged.ids.iter().map(|id| (*id, needed(course, explanation, id))).collect()
         } else {
-            explanation.judged.ids.iter().map(|id| (*id, CERTAIN)).collect()
+            explanation.judged.ids.iter().map(|id| (*id, 1.0)).collect()
         };
         let gap2_m2 = course.refit.found.rms_m().powi(2) * (1.0 - 1.0 / course.refit.chi.max(1.0));
         members.extend(beyond_stated.map(|random| {
@@ -136,18 +133,45 @@ pub(super) fn ranking(
     ranking
 }
 
-/// How much an explanation needs its member `id`: logarithm of how much less probable the rest of its members is alone, among `all`.
-fn needed<'e>(all: impl Iterator<Item = (&'e [&'e str], f64)>, (ids, probability): (&[&str], f64), id: &str) -> f64 {
+/// How much an explanation needs its member `id`: by how much the rest of its members is less likely alone, on the scale of [`Judged::score`].
+fn needed(course: &Course, explanation: &Explanation, id: &str) -> f64 {
+    if let Some(freed) = explanation.freed.iter().find(|freed| freed.effect == id) {
+        return shifts_without(course, explanation, freed).max(NOT_NEEDED);
+    }
+    let own = &explanation.judged;
+    let all = course.explanations.iter().map(|other| (other.judged.ids.as_slice(), other.judged.score()));
+    // What nobody tried alone promised nothing.
+    let nothing =
+        Judged { ids: Vec::new(), left: 1.0, prior_cost: course.refit.found.prior_cost, parameters: 0, ..own.clone() };
+    let without = score_without(all, &own.ids, id).unwrap_or(nothing.score());
+    (own.score() + SECOND - without).max(NOT_NEEDED)
+}
+
+/// The same of a direction. One that pays for all shifts of a refit, or leaves ordinary ones, has met what it means, and squares are what they are;
+/// shifts that a wrong form has bent are no more than a prior cost.
+fn shifts_without(course: &Course, explanation: &Explanation, freed: &Freed) -> f64 {
+    let is_alone =
+        |other: &&Explanation| other.judged.ids == [freed.effect] && other.candidate.hypothesis.installed.is_empty();
+    let of_refit = course.explanations.iter().filter(is_alone).flat_map(|alone| &alone.freed);
+    let pays_for_all = |alone: &&Freed| alone.cost < BENT_COST.max(PAYS_FOR_ALL * alone.cost_without);
+    let pays = of_refit.filter(pays_for_all).map(Freed::gain).fold(0.0, f64::max);
+    let cost = |cost: f64| (PRIOR_WEIGHT * cost).min(PRIOR_MOST);
+    let is_all = explanation.candidate.hypothesis.installed.is_empty();
+    let gain = if is_all { freed.gain() } else { pays };
+    f64::max(0.5 * gain, cost(freed.cost_without) - cost(freed.cost))
+}
+
+/// The best score among `all` of what has the members `ids` but for `id`, if anything has.
+fn score_without<'e>(all: impl Iterator<Item = (&'e [&'e str], f64)>, ids: &[&str], id: &str) -> Option<f64> {
     let is_rest = |(other, _): &(&[&str], f64)| {
         other.len() + 1 == ids.len() && ids.iter().all(|own| (*own == id) != other.contains(own))
     };
-    let without = all.filter(is_rest).map(|(_, probability)| probability).fold(0.0, f64::max);
-    (probability / without.max(f64::MIN_POSITIVE)).ln().clamp(NOT_NEEDED, CERTAIN)
+    all.filter(is_rest).map(|(_, score)| score).max_by(f64::total_cmp)
 }
 
 /// The same of what makes `power_m2` beside an explanation that leaves `left2_m2` of the gap.
 fn needed_beside(left2_m2: f64, power_m2: f64) -> f64 {
-    (0.5 * SHARPNESS * ((left2_m2 + power_m2) / left2_m2.max(f64::MIN_POSITIVE)).ln()).clamp(NOT_NEEDED, CERTAIN)
+    (0.5 * SHARPNESS * ((left2_m2 + power_m2) / left2_m2.max(f64::MIN_POSITIVE)).ln()).max(NOT_NEEDED)
 }
 
 /// The most probable of the named effects, of equals the first. Not the one with the largest share: a wrong number may move more than the effect
@@ -266,22 +290,24 @@ mod tests {
 
     #[test]
     fn a_member_is_needed_as_much_as_the_rest_is_worse_alone() {
-        let all: [(&[&str], f64); 4] =
-            [(&["creep", "backlash"], 0.6), (&["creep"], 0.2), (&["backlash"], 1e-3), (&["creep", "end_stop"], 0.1)];
-        let of = |id| needed(all.into_iter(), all[0], id);
-        assert!((of("backlash") - 3f64.ln()).abs() < 1e-12, "{}", of("backlash"));
-        assert!((of("creep") - 600f64.ln()).abs() < 1e-12, "{}", of("creep"));
-        // Alone, it is needed for sure, and so it is where nobody tried the rest.
-        assert_eq!(needed(all.into_iter(), all[1], "creep"), CERTAIN);
-        assert_eq!(needed(all.into_iter(), all[3], "creep"), CERTAIN);
-        assert_eq!(needed([(&["creep"][..], 0.9)].into_iter(), all[0], "backlash"), NOT_NEEDED);
+        let all: [(&[&str], f64); 5] = [
+            (&["creep", "backlash"], 6.0),
+            (&["creep"], 2.0),
+            (&["creep"], 3.0),
+            (&["backlash"], -1.0),
+            (&["creep", "end_stop"], 5.0),
+        ];
+        let of = |ids: &[&str], id| score_without(all.into_iter(), ids, id);
+        assert_eq!([of(all[0].0, "backlash"), of(all[0].0, "creep")], [Some(3.0), Some(-1.0)]);
+        // Nobody tried the rest, or there is none.
+        assert_eq!([of(all[4].0, "creep"), of(all[1].0, "creep")], [None, None]);
     }
 
     #[test]
     fn what_makes_little_beside_an_effect_is_needed_little() {
         assert_eq!(needed_beside(1e-16, 0.0), NOT_NEEDED);
         assert!((needed_beside(1e-16, 3e-16) - 3.0 * 2f64.ln()).abs() < 1e-12);
-        assert_eq!([needed_beside(0.0, 1e-16), needed_beside(1e-16, 1.0)], [CERTAIN; 2]);
+        assert!(needed_beside(0.0, 1e-16).is_finite());
     }
 
     #[test]
