@@ -94,11 +94,7 @@ pub(super) fn augment(
             let z = base.found.z.clone();
             base.found = descend(fine, &base.hypothesis, z, &AGAIN[1..], f64::INFINITY, search.simulations);
         }
-        let weights = search.independent_weights(&base);
-        let covariance = covariance(bench, &base.hypothesis, &base.found, &weights);
-        let left_out_m2 = left_out_m2(bench, &base.hypothesis, &base.found, &weights);
-        let variant = Variant { hypothesis: base.hypothesis, z: base.found.z, starts_known: true };
-        return Augmented { variant, covariance, left_out_m2, weights, freed, random };
+        return Augmented::by_fit(search, base, freed, random);
     }
     let mut model = bench.model.clone();
     let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
@@ -121,16 +117,21 @@ pub(super) fn augment(
     let bench = Bench::new(&model, bench.records.clone());
     let found = descend(&bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
     let candidate = Candidate { hypothesis, found, ..base.clone() };
-    let weights = Search { bench: &bench, simulations: search.simulations }.independent_weights(&candidate);
-    let covariance = covariance(&bench, &candidate.hypothesis, &candidate.found, &weights);
-    let left_out_m2 = left_out_m2(&bench, &candidate.hypothesis, &candidate.found, &weights);
-    let variant = Variant { hypothesis: candidate.hypothesis, z: candidate.found.z, starts_known: true };
-    Augmented { variant, covariance, left_out_m2, weights, freed, random }
+    Augmented::by_fit(&Search { bench: &bench, ..*search }, candidate, freed, random)
 }
 
 impl Augmented {
-    /// What the uncertainty of all shared numbers makes on the held-out rows that are scored: mean squares of independent normal draws' factors,
-    /// metres squared. A few undetermined numbers make most of it.
+    fn by_fit(search: &Search<'_>, fit: Candidate, freed: Vec<Freed>, random: Vec<Random>) -> Self {
+        let weights = search.independent_weights(&fit);
+        let Candidate { hypothesis, found, .. } = fit;
+        let covariance = covariance(search.bench, &hypothesis, &found, &weights);
+        let left_out_m2 = left_out_m2(search.bench, &hypothesis, &found, &weights);
+        let variant = Variant { hypothesis, z: found.z, starts_known: true };
+        Self { variant, covariance, left_out_m2, weights, freed, random }
+    }
+
+    /// Mean squares that the uncertainty of all shared numbers makes on the held-out rows that are scored, one for each of independent numbers of unit
+    /// sigma, metres squared. A few undetermined ones make most of it.
     pub fn spread_m2(&self, benches: &Benches<'_>) -> Vec<f64> {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return Vec::new() };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
@@ -151,7 +152,7 @@ impl Augmented {
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
-        // Changes along independent numbers add up row by row, and so their power is that along other independent ones, of which each has its own.
+        // Changes add up row by row; along the axes of their products each has a power of its own.
         benches.moved_m2(&self.variant, &moves).symmetric_eigenvalues().iter().map(|m2| m2.max(0.0)).collect()
     }
 

@@ -266,9 +266,7 @@ pub(super) fn left_out_m2(
 ) -> Option<Vec<f64>> {
     let (rules, shared) = (bench.rules(hypothesis), bench.shared(hypothesis));
     let told_by = |weights: &[f64]| {
-        let (mut information, mut gradient) = found.normal.assemble(weights);
-        add_priors(&rules, &found.z, &mut information, &mut gradient);
-        pin_idle(&mut information);
+        let (information, gradient) = with_priors(bench, hypothesis, found, weights);
         Some(factor(information)?.solve(&gradient).rows(0, shared).into_owned())
     };
     let by_all = told_by(weights)?;
@@ -296,8 +294,18 @@ pub(super) fn left_out_m2(
 
 /// Covariance of all coordinates under `weights`, one over the variance of a row of each log; priors included.
 pub fn covariance(bench: &Bench<'_>, hypothesis: &Hypothesis, found: &Found, weights: &[f64]) -> Option<DMatrix<f64>> {
+    factor(with_priors(bench, hypothesis, found, weights).0).map(|c| c.inverse())
+}
+
+/// Information and gradient of all coordinates under `weights`, priors included.
+fn with_priors(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    found: &Found,
+    weights: &[f64],
+) -> (DMatrix<f64>, DVector<f64>) {
     let (mut information, mut gradient) = found.normal.assemble(weights);
     add_priors(&bench.rules(hypothesis), &found.z, &mut information, &mut gradient);
     pin_idle(&mut information);
-    factor(information).map(|c| c.inverse())
+    (information, gradient)
 }

@@ -198,7 +198,7 @@ impl Fits<'_> {
             };
             let most = leads.iter().find(|lead| lead.effect.id() == own.0).map_or(0.0, |lead| lead.gain);
             let mut best = pair.clone();
-            let own_lead = leads.iter().find(|lead| (lead.effect.id(), lead.form.name) == own);
+            let own_lead = in_form(leads, own);
             let plainest = own_lead.and_then(|lead| self.plainest(lead, leads));
             for other in others(own.0, own.1, leads, most).chain(plainest) {
                 if self.is_found(&best) {
@@ -357,7 +357,7 @@ impl Fits<'_> {
     /// A fit in the form of its effect with the fewest numbers that fits as well from there: what nothing needs goes astray on another log.
     fn sparest(&self, fit: Candidate, leads: &[Lead]) -> Candidate {
         let Some(installed) = fit.hypothesis.installed.last() else { return fit };
-        let own = leads.iter().find(|l| (l.effect.id(), l.form.name) == (installed.effect.id(), installed.form.name));
+        let own = in_form(leads, (installed.effect.id(), installed.form.name));
         let Some(numbers) = own.map(|lead| self.numbers(lead)) else { return fit };
         let is_sparer = |lead: &&Lead| {
             lead.effect.id() == installed.effect.id() && self.numbers(lead) < numbers && lead.share > HOPELESS
@@ -447,7 +447,7 @@ impl Fits<'_> {
         let most_numbers = fits.first().map_or(0, |best| best.hypothesis.parameters());
         for fit in fits.iter_mut().filter(|fit| fit.chi < AT_NOISE) {
             let Some(own) = fit.hypothesis.installed.last().map(|i| (i.effect.id(), i.form.name)) else { continue };
-            let Some(lead) = leads.iter().find(|l| (l.effect.id(), l.form.name) == own) else { continue };
+            let Some(lead) = in_form(leads, own) else { continue };
             let most = NO_RIVAL * fit.found.data_cost;
             // At the noise a form of many more numbers says nothing that one of few does not, unless the best has as many.
             let numbers = most_numbers.max(self.numbers(lead) + FEW_MORE);
@@ -460,6 +460,11 @@ impl Fits<'_> {
         self.kin(&mut fits);
         fits
     }
+}
+
+/// The lead of an effect in a form.
+fn in_form<'l>(leads: &'l [Lead], (id, form): (&str, &str)) -> Option<&'l Lead> {
+    leads.iter().find(|lead| (lead.effect.id(), lead.form.name) == (id, form))
 }
 
 /// Leads of the same effect in other forms that promise as much as the `gain` of its own: a few of them, and those that no score tells from

@@ -241,15 +241,28 @@ pub(super) struct Left<'l> {
     pub left_out_m2: Option<&'l [f64]>,
 }
 
+/// Sums over the fitted rows of one log, squares in metres squared.
+#[derive(Clone, Copy, Default)]
+struct OfLog {
+    rows: f64,
+    /// What goes with what stays.
+    goes_with: f64,
+    /// What stays beyond the noise.
+    left2: f64,
+    noise2: f64,
+    /// Rows and squares of what no plant carries over to another log.
+    own_rows: f64,
+    own2: f64,
+}
+
 /// The plants' difference on the headline's rows is what will be gained; what the fitted rows leave unexplained stays, in the same
 /// proportion to what it goes with, and so does what the numbers' uncertainty makes there. A form that leaves more than noise has bent the
 /// numbers to suit these logs: of others it leaves as much as of these where they are left out. A log that no fit saw is another one: for
 /// the interval what stays of it is drawn log by log.
 pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, seed: u64) -> Expected {
-    // Of each fitted log: what goes with what stays, what stays, noise, rows, and rows and squares of what is each log's own. Of the headline's
-    // rows: number, difference, noise, what goes with what stays.
-    let mut fitted = vec![[0.0; 6]; benches.fitted.records.len()];
-    fitted.iter_mut().zip(&three.not_portable).for_each(|(log, own)| log[4..].copy_from_slice(own));
+    let mut fitted = vec![OfLog::default(); benches.fitted.records.len()];
+    fitted.iter_mut().zip(&three.not_portable).for_each(|(log, own)| [log.own_rows, log.own2] = *own);
+    // Of the headline's rows: number, difference, noise, what goes with what stays.
     let mut headline = [0.0; 4];
     for (index, record) in benches.records().enumerate() {
         let augmented = &three.augmented[index];
@@ -271,24 +284,26 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
             } else if row >= record.run_in
                 && let Some(fitted) = fitted.get_mut(index)
             {
-                let left2 = (measured - augmented[row]).powi(2) - noise2;
-                fitted.iter_mut().zip([goes_with, left2, noise2, 1.0]).for_each(|(sum, more)| *sum += more);
+                fitted.rows += 1.0;
+                fitted.goes_with += goes_with;
+                fitted.left2 += (measured - augmented[row]).powi(2) - noise2;
+                fitted.noise2 += noise2;
             }
         }
     }
     let [rows, difference2, noise2, goes_with] = headline;
-    let sum = |logs: &[[f64; 6]], of: usize| logs.iter().map(|log| log[of]).sum::<f64>();
+    let sum = |logs: &[OfLog], of: fn(&OfLog) -> f64| logs.iter().map(of).sum::<f64>();
     // What scatters bends no number.
     let is_form = matches!(left.with, LeftWith::Difference);
-    if is_form && sum(&fitted, 1) > (AT_NOISE - 1.0) * sum(&fitted, 2) {
+    if is_form && sum(&fitted, |log| log.left2) > (AT_NOISE - 1.0) * sum(&fitted, |log| log.noise2) {
         let more_m2 = left.left_out_m2.into_iter().flatten();
-        fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log[1] += log[3] * more_m2);
+        fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log.left2 += log.rows * more_m2);
     }
     let per = |sum: f64, of: f64| if of > 0.0 { sum / of } else { 0.0 };
-    let stays2 = |logs: &[[f64; 6]]| {
-        let unexplained2 = per(sum(logs, 1).max(0.0), sum(logs, 0)) * goes_with;
-        let own2 = if benches.held.is_some() { per(sum(logs, 5), sum(logs, 4)) * rows } else { 0.0 };
-        unexplained2 + own2
+    let stays2 = |logs: &[OfLog]| {
+        let unexplained2 = per(sum(logs, |log| log.left2).max(0.0), sum(logs, |log| log.goes_with)) * goes_with;
+        let own2 = per(sum(logs, |log| log.own2), sum(logs, |log| log.own_rows)) * rows;
+        unexplained2 + if benches.held.is_some() { own2 } else { 0.0 }
     };
     let shrink_percent = |left2: f64, noise2: f64| {
         let (before2, after2) = (difference2 + left2 + noise2, left2 + noise2);
@@ -297,7 +312,7 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
     let mut random = Pcg64::seed_from_u64(seed);
     let others = benches.held.as_ref().map_or(fitted.len(), |held| held.records.len());
     let draws = (0..RESAMPLES).map(|_| {
-        let logs: Vec<[f64; 6]> = (0..others).map(|_| fitted[random.random_range(0..fitted.len())]).collect();
+        let logs: Vec<OfLog> = (0..others).map(|_| fitted[random.random_range(0..fitted.len())]).collect();
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         let spread2 = rows * left.spread_m2.iter().map(|m2| m2 * normal().powi(2)).sum::<f64>();
         let noise2 = noise2 * (1.0 + NOISE_KNOWN * normal());

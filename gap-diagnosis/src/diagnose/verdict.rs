@@ -307,6 +307,7 @@ mod tests {
     fn what_makes_little_beside_an_effect_is_needed_little() {
         assert_eq!(needed_beside(1e-16, 0.0), NOT_NEEDED);
         assert!((needed_beside(1e-16, 3e-16) - 3.0 * 2f64.ln()).abs() < 1e-12);
+        assert!((needed_beside(1e-16, 1.0) - 1.5 * 1e16f64.ln()).abs() < 1e-9);
         assert!(needed_beside(0.0, 1e-16).is_finite());
     }
 
