@@ -295,9 +295,7 @@ fn gap(page: &mut Page, view: &DiagnosisView) {
     let taken = if gap.headline.is_empty() { String::new() } else { format!(" ({})", gap.headline) };
     let part = |label, value: f64, ink| Share { label, value: value.max(0.0), ink };
     page.bar(
-        &format!(
-            "The gap as a bar: mean square of measured minus predicted{taken}. The interval above is one of 95 %."
-        ),
+        &format!("The gap as a bar: mean square of measured minus predicted{taken}. The intervals above are of 95 %."),
         "µm²",
         &[
             part("noise", noise.min(nominal), Ink::Measured),
