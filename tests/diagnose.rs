@@ -316,6 +316,17 @@ fn of_an_effect_told_as_two_the_right_one_leads() {
     }
 }
 
+/// A sensor's curve with a kink at zero and a gain by side are one curve: nothing measured tells them apart, and neither is preferred.
+#[test]
+fn one_curve_under_two_names_is_a_class() {
+    let subject = Subject::Effects(vec![EffectId::SensorNonlinearity]);
+    let found = diagnosis_of_calibrate("diagnose-kink", 3_874_779_277_426_417_133, subject);
+    let both = ["sensor_gain", "sensor_nonlinearity"];
+    assert_eq!(found["classes"], serde_json::json!([both]), "{}", found["ranking"]);
+    let shares = [0, 1].map(|at| found["ranking"][at]["probability"].as_f64().expect("a probability"));
+    assert!(shares[0] - shares[1] < 0.1 && shares[0] + shares[1] > 0.95, "{}", found["ranking"]);
+}
+
 #[test]
 fn the_error_of_a_loop_is_predicted_with_both_plants() {
     let folder = Folder::new("diagnose-loop");

@@ -10,8 +10,9 @@ const ABOUT: About = About {
     what: "The reading is a slightly bent function of the displacement, the same at every rate.",
     equation: "y = q + c2 q^2 + c3 q^3, or y = q + a cos(2 pi q / p) + b sin(2 pi q / p) (cyclic), \
                or any smooth curve: both, p a little more than the range and its first fractions; or y = q + h exp(-x^2/2) (a \
-               flaw of the target), y = q + h clamp(x, -1, 1) (another slope there), x = (q - m)/w; q: displacement, y: \
-               reading, c2 and c3: coefficients, a, b and p: amplitudes and period, h, m and w: height, middle and half width",
+               flaw of the target), y = q + h clamp(x, -1, 1) (another slope there), x = (q - m)/w; or y = q + d |q| (a kink \
+               at zero); q: displacement, y: reading, c2, c3 and d: coefficients, a, b and p: amplitudes and period, \
+               h, m and w: height, middle and half width",
     source: "PI E-727 manual (the controller corrects a sensor polynomial up to the fourth order); size assumed",
     typical: "0.01 to 1 % of the stroke",
     installs: "a polynomial of the sensor",
@@ -81,6 +82,12 @@ const FORMS: &[Form] = &[
                 chain.sensor.cycles.push(Cycle { period_m, cos_m: wave[0], sin_m: wave[1] });
             }
         },
+    ),
+    // No measurement tells it from a gain by side, sensor_gain's: the two are a class.
+    Form::predictable(
+        "kink-at-zero",
+        |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
+        |chain, p| chain.sensor.gain_skew += p[0],
     ),
     Form::predictable("flaw", flaw, |chain, p| {
         chain.sensor.flaws.push(Flaw { bump_m: p[0], at_m: p[1], width_m: p[2], rise_m: 0.0 });
