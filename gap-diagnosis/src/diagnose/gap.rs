@@ -378,9 +378,7 @@ pub(super) fn shares(
             nominal2 - left2
         })
         .collect();
-    let mut values = shapley(&explained, players);
-    // A coalition may be worse than the nominal plant; a share below nothing would tell a reader nothing.
-    values.iter_mut().for_each(|value| *value = value.max(0.0));
+    let mut values = shapley(&at_best(explained), players);
     let names = std::iter::once("parameter_error").chain(installed).chain(beyond.iter().map(|(id, _)| *id));
     values.extend(beyond.iter().map(|(_, power_m2)| power_m2.max(0.0)));
     let sum: f64 = values.iter().sum();
@@ -397,6 +395,16 @@ pub(super) fn shares(
     }
     shares.sort_by(|a, b| b.percent.total_cmp(&a.percent));
     shares
+}
+
+/// What each coalition explains at best, by itself or in part: an effect without the numbers that were fitted beside it may do worse than none, and
+/// whoever does worse together leaves one out. So none explains less than a part of it, and no share is below nothing.
+fn at_best(mut values: Vec<f64>) -> Vec<f64> {
+    for coalition in 1..values.len() {
+        let players = (0..usize::BITS).map(|player| 1 << player).filter(|player| coalition & player != 0);
+        values[coalition] = players.map(|player| values[coalition & !player]).fold(values[coalition], f64::max);
+    }
+    values
 }
 
 /// Each player's mean marginal value over all orders; `values` by coalition, bit i for player i.
@@ -418,7 +426,7 @@ fn shapley(values: &[f64], players: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Expected, Gap, Sums, interval, shapley};
+    use super::{Expected, Gap, Sums, at_best, interval, shapley};
 
     #[test]
     fn rows_surprise_where_more_stays_than_numbers_and_noise_explain() {
@@ -451,6 +459,14 @@ mod tests {
         for (found, right) in values.iter().zip([2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0]) {
             assert!((found - right).abs() < 1e-12, "{values:?}");
         }
+    }
+
+    #[test]
+    fn an_effect_that_needs_its_numbers_shares_with_them() {
+        // The refit alone explains 1, the effect with nominal numbers makes it worse by 6, both explain 9.
+        let values = shapley(&at_best(vec![0.0, 1.0, -6.0, 9.0]), 2);
+        assert_eq!(values, [5.0, 4.0]);
+        assert_eq!(at_best(vec![0.0, -1.0, -2.0, -3.0]), [0.0; 4]);
     }
 
     #[test]
