@@ -2,7 +2,7 @@
 
 use super::bench::{Bench, Freedom, Record};
 use super::descend::{covariance, descend, left_out_m2};
-use super::judge::Explanation;
+use super::explanation::Explanation;
 use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
 use super::search::{Candidate, Search};

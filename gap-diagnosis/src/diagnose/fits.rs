@@ -1,7 +1,9 @@
 //! The order of full fits: what the screening left alone, then in pairs where one effect leaves too much.
 
 use super::bench::Bench;
-use super::judge::{AT_NOISE, FREED_BESIDES, NEARLY_ALL, RESOLVED, Say};
+use super::directions::{FREED_BESIDES, NEARLY_ALL};
+use super::judge::{RESOLVED, Say};
+use super::refit::AT_NOISE;
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;

@@ -1,10 +1,10 @@
 //! Diagnosis: where a nominal plant and its bench differ, which effect makes the difference, and how far it shrinks.
 //!
-//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
+//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), the nominal plant refitted (`refit`), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the score test over the registry ([`screen`]) and where its shapes promise most
 //! (`refine`), full fits ([`search`], in the order of `fits`), what only scatter tells ([`spread`], and `octaves`: whether it is noise), periods over place ([`cycles`]), which
-//! commands and readings were lost (`events`), what only priors decide ([`symmetry`]), probabilities ([`evidence`]), and the order of it all
-//! ([`judge`]).
+//! commands and readings were lost (`events`), what only priors decide ([`symmetry`]) and which of it is sure (`directions`), what explains a gap
+//! ([`explanation`]), probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
 //! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
@@ -16,9 +16,11 @@ pub mod bench;
 mod closed_loop;
 pub mod cycles;
 pub mod descend;
+mod directions;
 mod error;
 mod events;
 pub mod evidence;
+pub mod explanation;
 mod fits;
 mod gap;
 pub mod judge;
@@ -30,6 +32,7 @@ mod plants;
 mod random;
 pub mod records;
 mod refine;
+mod refit;
 pub mod report;
 pub mod screen;
 pub mod search;

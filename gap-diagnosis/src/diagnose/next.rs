@@ -4,7 +4,8 @@
 //! more, offsets taken out, and next how far the nearest of those are. Fits that agree on these logs and disagree there are told apart there.
 
 use super::bench::Bench;
-use super::judge::{Course, Explanation};
+use super::explanation::Explanation;
+use super::judge::Course;
 use super::verdict::differing;
 use plant_sim::chain::Chain;
 use plant_sim::effects::{Kind, find};

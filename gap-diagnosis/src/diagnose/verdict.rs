@@ -1,8 +1,11 @@
 //! From a course to a verdict: which explanation is named, how probable every entry is, and which entries these logs can't tell apart.
 
+use super::directions::PAYS_FOR_ALL;
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SECOND, SHARPNESS};
-use super::judge::{BENT_COST, Course, Explanation, PAYS_FOR_ALL};
+use super::explanation::Explanation;
+use super::judge::Course;
 use super::random::{CONFIDENCE, Random};
+use super::refit::BENT_COST;
 use super::search::Search;
 use super::symmetry::{Freed, Shifts};
 use plant_sim::effects::REGISTRY;

@@ -1,0 +1,82 @@
+//! The nominal plant refitted, from as many starts as it takes, and whether that leaves a gap.
+
+use super::bench::{Bench, Freedom};
+use super::search::{Candidate, Search, middle};
+use super::symmetry::along;
+
+/// Gap beyond the noise, in shares of the noise, below which there is none to speak of.
+pub(super) const LEAST_GAP: f64 = 0.4;
+/// The same of a single log: an effect may show in one experiment only.
+const LEAST_GAP_OF_LOG: f64 = 0.5;
+/// Restarts of a refit that leaves a gap, and the mean square, in units of the noise, beyond which the gap is no local minimum's.
+const RESTARTS: u64 = 4;
+const LOCAL_MINIMUM: f64 = 400.0;
+/// Squares of the numbers' shifts beyond which a refit may have bent them: a dozen numbers make a dozen, give or take five.
+pub(super) const BENT_COST: f64 = 30.0;
+/// Mean square, in units of the noise, up to which a fit counts as being at the noise: the noise is known to a few per cent.
+pub(super) const AT_NOISE: f64 = 1.06;
+
+/// The refit, from as many starts as it needs.
+pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
+    let mut refit = search.refit(freedom);
+    // Where the numbers belong: at nominal, or where a payload or a gain has put them.
+    let mut home = vec![0.0; search.bench.free.len()];
+    if let Some(numbers) = along(search.bench, &refit.found).filter(|_| is_bent(&refit)) {
+        refit = search.polish_from(refit, &numbers);
+        // Starts that followed the wrong numbers for long lock their logs.
+        if has_gap(&refit) {
+            refit = search.resettled(refit, &numbers, &[]);
+        }
+        home = numbers;
+    }
+    // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
+    // nothing, so that dead zones and capacitances lock one another.
+    for attempt in 0..RESTARTS {
+        let (has_gap, is_bent) = (has_gap(&refit), is_bent(&refit));
+        if !(has_gap || is_bent) || refit.chi > LOCAL_MINIMUM {
+            break;
+        }
+        // At the noise only the numbers are wrong, and first of all they are asked to come home.
+        refit =
+            if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, &home, attempt) };
+    }
+    if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
+}
+
+/// A refit that leaves a gap in few logs again, from where the worst of them and each of the others in turn end together: logs lock one another
+/// now and then, though each could be fitted. The best of all.
+fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
+    let bench = search.bench;
+    let chis = search.chis(&refit.found);
+    let Some(worst) = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b])) else { return refit };
+    if middle(&chis) > AT_NOISE || chis.len() < 3 {
+        return refit;
+    }
+    for other in (0..chis.len()).filter(|index| *index != worst) {
+        let logs = [worst, other];
+        let part = Bench::new(bench.model, logs.map(|index| bench.records[index].clone()).to_vec());
+        let found = refitted(&Search { bench: &part, ..*search }, refit.hypothesis.freedom);
+        if has_gap(&found) {
+            continue;
+        }
+        refit = search.resettled(refit, &found.found.z, &logs);
+        if !has_gap(&refit) {
+            return if is_bent(&refit) { search.unbent(refit) } else { refit };
+        }
+    }
+    refit
+}
+
+fn is_bent(refit: &Candidate) -> bool {
+    refit.found.prior_cost > BENT_COST
+}
+
+pub(super) fn has_gap(refit: &Candidate) -> bool {
+    gap_over_least(refit) > 1.0
+}
+
+/// Gap that `refit` leaves, as amplitude, over the least to speak of.
+pub(super) fn gap_over_least(refit: &Candidate) -> f64 {
+    let gap = |chi: f64| (chi - 1.0).max(0.0).sqrt();
+    (gap(refit.chi) / LEAST_GAP).max(gap(refit.worst_chi) / LEAST_GAP_OF_LOG)
+}
