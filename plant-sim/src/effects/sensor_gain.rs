@@ -32,6 +32,16 @@ fn turn(chain: &mut Chain, p: &[f64]) {
     chain.sensor.gain *= 1.0 + p[0];
 }
 
+/// Parameter of a gain that differs by side, which is a curve with a kink at zero.
+pub(super) fn half_difference(_: &Scales<'_>) -> Vec<Parameter> {
+    vec![Parameter::signed("half_difference", "", 0.3, 0.01)]
+}
+
+/// Installs it.
+pub(super) fn skew(chain: &mut Chain, p: &[f64]) {
+    chain.sensor.gain_skew += p[0];
+}
+
 /// Half waves in the longest log that a wandering gain is the sum of.
 const WAVES: [&str; 6] = ["wave1_share", "wave2_share", "wave3_share", "wave4_share", "wave5_share", "wave6_share"];
 
@@ -56,11 +66,7 @@ pub(super) fn swings(p: &[f64]) -> impl Iterator<Item = Swing> {
 const FORMS: &[Form] = &[
     Form::predictable("gain", |_| vec![relative_gain()], turn),
     Form::predictable("gain-of-each-log", |_| vec![relative_gain().of_each_log()], turn),
-    Form::predictable(
-        "by-side",
-        |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
-        |chain, p| chain.sensor.gain_skew += p[0],
-    ),
+    Form::predictable("by-side", half_difference, skew),
     Form::predictable(
         "settling",
         |scales| {

@@ -1,5 +1,6 @@
 //! Sensor nonlinearity: the reading is a curve of the displacement.
 
+use super::sensor_gain::{half_difference, skew};
 use super::{About, Form, Parameter, Scales, spaced};
 use crate::chain::{Chain, Cycle, Flaw};
 
@@ -84,11 +85,7 @@ const FORMS: &[Form] = &[
         },
     ),
     // No measurement tells it from a gain by side, sensor_gain's: the two are a class.
-    Form::predictable(
-        "kink-at-zero",
-        |_| vec![Parameter::signed("half_difference", "", 0.3, 0.01)],
-        |chain, p| chain.sensor.gain_skew += p[0],
-    ),
+    Form::predictable("kink-at-zero", half_difference, skew),
     Form::predictable("flaw", flaw, |chain, p| {
         chain.sensor.flaws.push(Flaw { bump_m: p[0], at_m: p[1], width_m: p[2], rise_m: 0.0 });
     }),
