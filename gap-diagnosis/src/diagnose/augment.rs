@@ -6,6 +6,7 @@ use super::explanation::Explanation;
 use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
 use super::search::{Candidate, Search};
+use super::starts::reach;
 use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
 use nalgebra::{DMatrix, DVector, DVectorView};
@@ -22,10 +23,6 @@ const AGAIN: [f64; 2] = [3.0, 0.0];
 const NEAR: f64 = 1.2;
 /// Below this sigma, as a logarithm, a plant is linear in its numbers.
 const LINEAR: f64 = 1e-3;
-/// Squares that a move by one sigma may cost on the fitted logs, in units of independent noise; 1 at most where the plant is linear.
-const ALLOWED: f64 = 2.0;
-/// How often a move that costs more is halved.
-const SHORTER: i32 = 8;
 /// A nominal number has moved beyond this many of its sigma.
 const MOVED: f64 = 3.0;
 /// A start coordinate whose sigma is still this share of its prior's is not determined.
@@ -130,8 +127,8 @@ impl Augmented {
         Self { variant, covariance, left_out_m2, weights, freed, random }
     }
 
-    /// Mean squares that the uncertainty of all shared numbers makes on the held-out rows that are scored, one for each of independent numbers of unit
-    /// sigma, metres squared. A few undetermined ones make most of it.
+    /// Mean squares that the uncertainty of all shared numbers and of the starts makes on the held-out rows that are scored, one for each of independent
+    /// numbers of unit sigma, metres squared. A few undetermined ones make most of it.
     pub fn spread_m2(&self, benches: &Benches<'_>) -> Vec<f64> {
         let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return Vec::new() };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
@@ -153,7 +150,9 @@ impl Augmented {
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
         // Changes add up row by row; along the axes of their products each has a power of its own.
-        benches.moved_m2(&self.variant, &moves).symmetric_eigenvalues().iter().map(|m2| m2.max(0.0)).collect()
+        let mut spread_m2 = benches.starts_m2(&self.variant);
+        spread_m2.extend(benches.moved_m2(&self.variant, &moves).symmetric_eigenvalues().iter().map(|m2| m2.max(0.0)));
+        spread_m2
     }
 
     /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start
@@ -299,26 +298,5 @@ fn log_factor(scale: Scale, z: f64) -> f64 {
     match scale {
         Scale::Log { bound } => bound * (z / bound).tanh(),
         Scale::Shift { .. } | Scale::NotNegative { .. } => z,
-    }
-}
-
-/// The largest share of a move, halved as often as it takes, that costs no more than is allowed; nothing where none does.
-fn reach(cost: impl Fn(f64) -> f64) -> f64 {
-    // A cost that is no number is not allowed either.
-    let mut shares = (0..SHORTER).map(|halvings| 0.5_f64.powi(halvings));
-    shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_move_reaches_as_far_as_the_logs_allow() {
-        assert_eq!(reach(|share| share * share), 1.0);
-        assert_eq!(reach(|share| 40.0 * share * share), 0.125);
-        // A dead zone that ends after a third of the way.
-        assert_eq!(reach(|share| 1e6 * (share - 1.0 / 3.0).max(0.0)), 0.25);
-        assert_eq!(reach(|_| f64::NAN), 0.0);
     }
 }

@@ -1,8 +1,9 @@
 //! How large the gap is, how far it shrinks and what shares the effects have in that (of all rows; the gap itself is told on rows never fitted).
 
-use super::plants::{Benches, Played, Variant, scored_from};
+use super::plants::{Benches, Played, Variant};
 use super::random::Random;
 use super::refit::{AT_NOISE, LEAST_GAP};
+use super::starts::scored_from;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;

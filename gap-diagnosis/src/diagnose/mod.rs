@@ -38,6 +38,7 @@ pub mod report;
 pub mod screen;
 pub mod search;
 pub mod spread;
+mod starts;
 pub mod symmetry;
 mod verdict;
 

@@ -3,8 +3,9 @@
 use super::bench::{Axis, Bench, Freedom, Hypothesis, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::normal::{Sensitivities, evaluate, reader};
-use super::plants::{carry, settle, settle_anew};
+use super::plants::carry;
 use super::screen::{Lead, Starts, screen};
+use super::starts::{settle, settle_anew};
 use crate::residual::samples_per_independent;
 use plant_sim::effects::{Effect, Form, Kind, Parameter};
 use rand::{RngExt, SeedableRng};

@@ -1,0 +1,399 @@
+//! The start of a log from its first stretch, everything else held.
+//!
+//! A hysteron that rests inside its dead zone shows what it holds when it moves, and not before: a first stretch leaves much open. Most logs begin
+//! relaxed, and a stretch that agrees with that to the noise is hardly there by chance.
+
+use super::bench::{Bench, Freedom, Hypothesis, Record, Rule, add_priors};
+use super::normal::{self, reader};
+use super::plants::Played;
+use crate::residual::samples_per_independent;
+use nalgebra::{DMatrix, DVector};
+use plant_sim::replay::Reader;
+use std::ops::Range;
+
+/// Share of a held-out log that its start is fitted to.
+const START_SHARE: f64 = 0.3;
+/// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
+const SETTLED: f64 = 1.3;
+const NEAR_EDGE: f64 = 1.0;
+/// Hysterons of which every corner is tried.
+const MOST_CORNERS: usize = 3;
+/// Steps of that fit at most, and how often a step is shortened.
+const STEPS: usize = 12;
+const HALVINGS: i32 = 5;
+/// Sensitivities are carried on after a step that left less than this many times the squares foreseen.
+const AS_FORESEEN: f64 = 1.2;
+/// Share of its own width that the memory of a relaxed hysteron keeps.
+const PINNED: f64 = 1e-6;
+
+/// First row of a log of which only the start was fitted that counts.
+pub(super) fn scored_from(record: &Record<'_>) -> usize {
+    record.run_in + ((record.log.len() - record.run_in) as f64 * START_SHARE) as usize
+}
+
+/// What the plant at `z` predicts for log `index`.
+pub(super) fn play_log(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Played {
+    let mut reader = reader(bench, hypothesis, z, index);
+    bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
+}
+
+/// Fits the start of log `index` to its first stretch, everything else held. Where its coordinates as they are do not lead to the noise,
+/// each hysteron in turn starts near either edge as well, then several do: dead zones make valleys of their own. What reaches the noise first will do
+/// where a later fit takes it from there.
+pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let mut all = Vec::new();
+    for settled in FirstStretch::new(bench, hypothesis, index).settlings(z.to_vec()) {
+        if is_at_noise(settled.mean2, &bench.records[index]) {
+            return z.copy_from_slice(&settled.z);
+        }
+        all.push(settled);
+    }
+    if let Some(best) = most_probable(all) {
+        z.copy_from_slice(&best.z);
+    }
+}
+
+/// The start of log `index` where no later fit will mend it: from all of these places, and relaxed, that which is most probable.
+pub(super) fn sought(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> Settled {
+    let stretch = FirstStretch::new(bench, hypothesis, index);
+    let relaxed = std::iter::once_with(|| stretch.relaxed().settled(z.clone()));
+    let all = stretch.settlings(z.clone()).chain(relaxed).collect();
+    most_probable(all).unwrap_or_else(|| stretch.settled(z))
+}
+
+/// The start of log `index` anew, wherever it was: from rest and from all of these places, that which suits the whole log best, as the first stretch
+/// need not tell what a hysteron holds that moves later.
+pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
+    let record = &bench.records[index];
+    let mut from = z.to_vec();
+    from[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
+    let mut least2 = f64::INFINITY;
+    for settled in FirstStretch::new(bench, hypothesis, index).settlings(from) {
+        let played = play_log(bench, hypothesis, &settled.z, index);
+        let rows = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
+        let left: Vec<f64> = rows.map(|(_, (played, y))| y - played).collect();
+        let mean2 = left.iter().map(|r| r * r).sum::<f64>() / left.len().max(1) as f64;
+        if mean2 < least2 {
+            least2 = mean2;
+            z.copy_from_slice(&settled.z);
+        }
+        if is_at_noise(least2, record) {
+            return;
+        }
+    }
+}
+
+/// A start that has settled in the first stretch of its log.
+pub(super) struct Settled {
+    /// Coordinates.
+    pub z: Vec<f64>,
+    /// What stays of the first stretch, and its mean square.
+    left: Vec<f64>,
+    mean2: f64,
+    /// What the start costs under its priors.
+    prior_cost: f64,
+    /// Hysterons that were free to hold something; none of a relaxed start.
+    memories: usize,
+}
+
+impl Settled {
+    /// The start near this one where the other coordinates have become those of `z`: it stays in the valley where it settled, and hysterons that held
+    /// nothing make up for what the others imitate, if they must.
+    pub fn follow(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, mut z: Vec<f64>, index: usize) -> Vec<f64> {
+        let stretch = FirstStretch::new(bench, hypothesis, index);
+        let own = stretch.at..stretch.at + stretch.rules.len();
+        z[own.clone()].copy_from_slice(&self.z[own]);
+        let relaxed = (self.memories < stretch.memories).then(|| stretch.relaxed().settled(z.clone()));
+        let all = std::iter::once(stretch.settled(z.clone())).chain(relaxed).collect();
+        most_probable(all).map_or(z, |settled| settled.z)
+    }
+
+    /// Coordinates on either side of these where one of the start's is a sigma of its prior away, or as far as the first stretch allows, and the others
+    /// follow: one pair for each that is free. A prior draws a memory to the edge of what the stretch leaves open, so that no slope tells how far that is.
+    pub fn left_open(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, index: usize) -> Vec<[Vec<f64>; 2]> {
+        let stretch = FirstStretch::new(bench, hypothesis, index);
+        let noise2 = bench.records[index].noise_m.powi(2);
+        let weight = 1.0 / (noise2.max(self.mean2) * samples_per_independent(&self.left));
+        let way = |place: usize, sign: f64| {
+            let there = |share: f64| {
+                let (mut z, mut held) = (self.z.clone(), FirstStretch::new(bench, hypothesis, index));
+                let Rule { sigma, bounds: [low, high], .. } = stretch.rules[place];
+                let at = &mut z[stretch.at + place];
+                *at = (*at + sign * share * sigma).clamp(low, high);
+                held.rules[place] = Rule { centre: *at, sigma: PINNED * sigma, ..held.rules[place] };
+                held.settled(z)
+            };
+            let cost = |share: f64| {
+                let there = there(share);
+                let more2 = (there.mean2 - self.mean2) * self.left.len() as f64;
+                weight * more2 + stretch.prior(&there.z) - self.prior_cost
+            };
+            there(reach(cost)).z
+        };
+        // Of a start that is hardly relaxed by chance nothing is open.
+        let open = if self.memories < stretch.memories { 0 } else { stretch.rules.len() };
+        (0..open).map(|place| [1.0, -1.0].map(|sign| way(place, sign))).collect()
+    }
+}
+
+/// Squares that a move by one sigma may cost on the rows that tell of it, in units of independent noise; 1 at most where the plant is linear.
+const ALLOWED: f64 = 2.0;
+/// How often a move that costs more is halved.
+const SHORTER: i32 = 8;
+
+/// The largest share of a move, halved as often as it takes, that costs no more than is allowed; nothing where none does.
+pub(super) fn reach(cost: impl Fn(f64) -> f64) -> f64 {
+    // A cost that is no number is not allowed either.
+    let mut shares = (0..SHORTER).map(|halvings| 0.5_f64.powi(halvings));
+    shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
+}
+
+/// The most probable of all: each hysteron that may hold something has to earn the logarithm of the rows (Schwarz 1978).
+fn most_probable(mut all: Vec<Settled>) -> Option<Settled> {
+    let least = all.iter().min_by(|a, b| a.mean2.total_cmp(&b.mean2))?;
+    // What the plant misses lasts: its rows count as the independent ones that they are worth.
+    let rows = least.left.len() as f64 / samples_per_independent(&least.left);
+    let cost = |s: &Settled| rows * s.mean2.ln() + s.prior_cost + s.memories as f64 * rows.max(1.0).ln();
+    let best = (0..all.len()).min_by(|a, b| cost(&all[*a]).total_cmp(&cost(&all[*b])))?;
+    Some(all.swap_remove(best))
+}
+
+fn is_at_noise(mean2: f64, record: &Record<'_>) -> bool {
+    mean2 < (SETTLED * record.noise_m).powi(2)
+}
+
+/// Nowhere, then near either edge of one hysteron after the other, then of several at once.
+fn corners(hysterons: usize) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = vec![Vec::new()];
+    for hysteron in 0..hysterons {
+        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
+        let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
+        all = all.into_iter().flat_map(with).collect();
+    }
+    all.sort_by_key(|edges: &Vec<f64>| edges.iter().filter(|edge| **edge != 0.0).count());
+    all
+}
+
+/// The first stretch of a log, and how its start may move there.
+struct FirstStretch<'b> {
+    bench: &'b Bench<'b>,
+    hypothesis: &'b Hypothesis,
+    index: usize,
+    /// Its rows.
+    rows: Range<usize>,
+    /// Where the start's coordinates begin, and what holds for each.
+    at: usize,
+    rules: Vec<Rule>,
+    /// Hysterons that may hold something.
+    memories: usize,
+}
+
+impl<'b> FirstStretch<'b> {
+    fn new(bench: &'b Bench<'b>, hypothesis: &'b Hypothesis, index: usize) -> Self {
+        let record = &bench.records[index];
+        let rows = record.run_in..scored_from(record).max(record.run_in + 16).min(record.log.len());
+        let at = bench.own_start(hypothesis, index);
+        let rules = bench.rules(hypothesis)[at..at + bench.start_count(hypothesis)].to_vec();
+        let hysterons = if hypothesis.freedom == Freedom::Relaxed { 0 } else { bench.hysterons(hypothesis) };
+        Self { bench, hypothesis, index, rows, at, rules, memories: hysterons }
+    }
+
+    /// The same with hysterons that hold nothing.
+    fn relaxed(&self) -> Self {
+        let mut rules = self.rules.clone();
+        rules.iter_mut().skip(1).take(self.memories).for_each(|rule| rule.sigma *= PINNED);
+        Self { rules, memories: 0, rows: self.rows.clone(), ..*self }
+    }
+
+    /// Where the start settles from `z` as it is and from every corner beside it.
+    fn settlings(&self, z: Vec<f64>) -> impl Iterator<Item = Settled> {
+        corners(self.memories).into_iter().map(move |edges| {
+            let mut there = z.clone();
+            there[self.at..].iter_mut().skip(1).zip(edges).for_each(|(z, edge)| *z += edge);
+            self.settled(there)
+        })
+    }
+
+    /// What stays of the rows. Coarse laws err by a nanometre or two, which moves a start by no more.
+    fn residuals(&self, z: &[f64]) -> Vec<f64> {
+        let log = self.bench.records[self.index].log;
+        let (mut chain, start) = normal::at(self.bench, self.hypothesis, z, self.index);
+        chain.parts.is_coarse = true;
+        let mut reader = Reader::new(&chain, log, &start);
+        let left = log.displacement_m[..self.rows.end].iter().map(|y| y - reader.next_m());
+        left.skip(self.rows.start).collect()
+    }
+
+    /// How the predictions change with each coordinate, where `here` are the residuals at `z`.
+    fn sensitivities(&self, z: &[f64], here: &[f64]) -> Vec<Vec<f64>> {
+        let column = |(i, rule): (usize, &Rule)| {
+            let mut there = z.to_vec();
+            let step = rule.inward_step(z[self.at + i]);
+            there[self.at + i] += step;
+            self.residuals(&there).iter().zip(here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
+        };
+        self.rules.iter().enumerate().map(column).collect()
+    }
+
+    /// Information and gradient of the start with its priors, where a row weighs `weight`.
+    fn normal(&self, columns: &[Vec<f64>], here: &[f64], z: &[f64], weight: f64) -> (DMatrix<f64>, DVector<f64>) {
+        let count = self.rules.len();
+        let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
+        let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], here));
+        add_priors(&self.rules, &z[self.at..], &mut information, &mut gradient);
+        (information, gradient)
+    }
+
+    /// `z` with the start moved by a `share` of `change`, as far as its rules allow.
+    fn moved(&self, z: &[f64], change: &[f64], share: f64) -> Vec<f64> {
+        let mut there = z.to_vec();
+        for ((z, rule), by) in there[self.at..].iter_mut().zip(&self.rules).zip(change) {
+            let step = (share * by).clamp(-rule.most, rule.most);
+            *z = (*z + step).clamp(rule.bounds[0], rule.bounds[1]);
+        }
+        there
+    }
+
+    fn prior(&self, z: &[f64]) -> f64 {
+        self.rules.iter().zip(&z[self.at..]).map(|(rule, &z)| rule.cost(z)).sum()
+    }
+
+    /// One descent from `z`.
+    fn settled(&self, mut z: Vec<f64>) -> Settled {
+        let noise_m = self.bench.records[self.index].noise_m;
+        let mut here = self.residuals(&z);
+        let mut columns = self.sensitivities(&z, &here);
+        let mut is_fresh = true;
+        for _ in 0..STEPS {
+            let squares = dot(&here, &here);
+            // A plant that doesn't fit must not bend its start for it: the unit of the residual is the residual itself.
+            let weight = 1.0 / (noise_m * noise_m).max(squares / here.len() as f64);
+            let (information, gradient) = self.normal(&columns, &here, &z, weight);
+            let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { break };
+            let before = weight * squares + self.prior(&z);
+            let to = |share: f64| {
+                let there = self.moved(&z, change.as_slice(), share);
+                let next = self.residuals(&there);
+                let gained = before - weight * dot(&next, &next) - self.prior(&there);
+                (gained > 0.0).then_some((there, next, gained))
+            };
+            let Some((there, next, gained)) = (0..HALVINGS).find_map(|n| to(0.3f64.powi(n))) else {
+                if is_fresh {
+                    break;
+                }
+                (columns, is_fresh) = (self.sensitivities(&z, &here), true);
+                continue;
+            };
+            let moved: Vec<f64> = (0..self.rules.len()).map(|i| there[self.at + i] - z[self.at + i]).collect();
+            let foreseen: Vec<f64> = (0..here.len())
+                .map(|row| here[row] - columns.iter().zip(&moved).map(|(c, by)| c[row] * by).sum::<f64>())
+                .collect();
+            let is_over = gained < 1e-4 * before;
+            let is_as_foreseen = dot(&next, &next) < AS_FORESEEN * dot(&foreseen, &foreseen);
+            let was_fresh = is_fresh;
+            z = there;
+            here = next;
+            if is_over && was_fresh {
+                break;
+            }
+            if is_over || !is_as_foreseen {
+                (columns, is_fresh) = (self.sensitivities(&z, &here), true);
+                continue;
+            }
+            // Broyden (1965): the sensitivities that would have foreseen this step, in units of the largest ones.
+            let units = |i: usize| moved[i] / self.rules[i].most.powi(2);
+            let length2: f64 = (0..moved.len()).map(|i| moved[i] * units(i)).sum();
+            for (i, column) in columns.iter_mut().enumerate() {
+                let part = units(i) / length2;
+                for ((c, next), foreseen) in column.iter_mut().zip(&here).zip(&foreseen) {
+                    *c -= (next - foreseen) * part;
+                }
+            }
+            is_fresh = false;
+        }
+        let (mean2, prior_cost) = (dot(&here, &here) / here.len().max(1) as f64, self.prior(&z));
+        Settled { mean2, left: here, prior_cost, memories: self.memories, z }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::{Hold, Log};
+    use plant_sim::model::Model;
+    use plant_sim::replay::{Start, predict};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    /// A log of the thesis' plant with 20 nm of noise that began at rest at 0 V with each hysteron at this share of its edge: a motion too small for some of
+    /// them, then one that moves all.
+    fn log(shares: &[f64]) -> (Model, Log) {
+        let model = thesis();
+        let mut random = Pcg64::seed_from_u64(5);
+        let rows = 8000;
+        let volts = |k: usize| match k {
+            0..600 => 0.0,
+            600..4000 => 6.0 * (0.02 * (k - 600) as f64).sin(),
+            _ => 70.0 * (0.01 * (k - 4000) as f64).sin(),
+        };
+        let mut log = Log { dt_s: 5e-5, displacement_m: vec![0.0; rows], ..Log::default() };
+        log.meta.hold = Hold::Zoh;
+        log.command_v = (0..rows).map(volts).collect();
+        let chain = model.chain();
+        let held_v =
+            chain.plant.hysterons.iter().zip(shares).map(|(hysteron, share)| share * hysteron.edge_v()).collect();
+        log.displacement_m = predict(&chain, &log, &Start::at_rest(&chain, 0.0, held_v), rows);
+        log.displacement_m.iter_mut().for_each(|y| *y += 20e-9 * random.random_range(-1.7..1.7));
+        (model, log)
+    }
+
+    /// Hysterons that hold something in what is sought for that log, by how many times the noise it misses the rows that are scored, and by how many it
+    /// says that it may.
+    fn sought_for(shares: &[f64]) -> (usize, f64, f64) {
+        let (model, log) = log(shares);
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let nominal = Hypothesis::nominal(Freedom::Rest);
+        let found = sought(&bench, &nominal, bench.origin(&nominal), 0);
+        let played = |z: &[f64]| play_log(&bench, &nominal, z, 0);
+        let from = scored_from(&bench.records[0]);
+        let apart = |one: &[f64], other: &[f64]| {
+            let squares = one.iter().zip(other).skip(from).map(|(one, other)| (one - other).powi(2)).sum::<f64>();
+            (squares / (log.len() - from) as f64).sqrt() / bench.records[0].noise_m
+        };
+        let here = played(&found.z);
+        let open = found.left_open(&bench, &nominal, 0);
+        let farthest = open.iter().flatten().map(|z| apart(&here, &played(z))).fold(0.0, f64::max);
+        (found.memories, apart(&log.displacement_m, &here), farthest)
+    }
+
+    #[test]
+    fn a_stretch_that_agrees_with_a_relaxed_start_is_one() {
+        let (memories, missed, open) = sought_for(&[0.0, 0.0]);
+        assert_eq!((memories, open), (0, 0.0));
+        assert!(missed < 1.05, "{missed}");
+    }
+
+    #[test]
+    fn what_has_not_moved_yet_is_left_open() {
+        // The first stretch tells of the sum of what the two hold.
+        let (memories, missed, open) = sought_for(&[0.3, -0.2]);
+        assert_eq!(memories, 2);
+        assert!(missed > 3.0 && missed < 3.0 * open, "{missed} {open}");
+    }
+
+    #[test]
+    fn a_move_reaches_as_far_as_the_logs_allow() {
+        assert_eq!(reach(|share| share * share), 1.0);
+        assert_eq!(reach(|share| 40.0 * share * share), 0.125);
+        // A dead zone that ends after a third of the way.
+        assert_eq!(reach(|share| 1e6 * (share - 1.0 / 3.0).max(0.0)), 0.25);
+        assert_eq!(reach(|_| f64::NAN), 0.0);
+    }
+}
