@@ -255,8 +255,12 @@ fn what_the_plant_file_leaves_open_is_no_gap() {
 
 /// What is said of a case in a form that need not be the registry's, from all of its logs and scored on both that were never shown.
 fn diagnosis_of_calibrate(name: &str, seed: u64, subject: Subject) -> Value {
+    diagnosis_of(name, &Request { seed, subject, split: Split::Calibrate, size: Size::Short, strength: None })
+}
+
+fn diagnosis_of(name: &str, request: &Request) -> Value {
     let folder = Folder::new(name);
-    let case = make(&Request { seed, subject, split: Split::Calibrate, size: Size::Short, strength: None });
+    let case = make(request);
     let logs: Vec<&str> = case.logs.iter().map(|log| log.name.as_str()).collect();
     let call = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
     succeeded(&run(&folder, &call));
@@ -314,6 +318,19 @@ fn of_an_effect_told_as_two_the_right_one_leads() {
         assert_eq!(found["effects"].as_array().expect("a list").len(), 2, "{}", found["effects"]);
         assert_eq!(found["ranking"][0]["effect"], effect.id(), "{}", found["ranking"]);
     }
+}
+
+/// Edges and slopes of a hysteron that differ by side: the edges alone are a zero that is off and leave little, while the search for both began where
+/// it locked the logs.
+#[test]
+fn a_form_is_not_led_astray_where_a_part_of_it_leaves_less() {
+    let subject = Subject::Effects(vec![EffectId::AsymmetricHysteresis]);
+    let seed = 14_442_422_108_272_260_312;
+    let request = Request { seed, subject, split: Split::Develop, size: Size::Short, strength: None };
+    let found = diagnosis_of("diagnose-edges", &request);
+    assert_eq!(found["effects"], serde_json::json!(["asymmetric_hysteresis"]), "{}", found["ranking"]);
+    let closure = found["gap"]["closure_percent"].as_f64().expect("a closure");
+    assert!(closure > 90.0, "{}", found["gap"]);
 }
 
 /// A sensor's curve with a kink at zero and a gain by side are one curve: nothing measured tells them apart, and neither is preferred.

@@ -392,6 +392,7 @@ impl Fits<'_> {
         let (least, most) = (bar.least_gain, bar.most_cost);
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead, most);
+        let first = fit.clone();
         let promising = others(lead.effect.id(), lead.form.name, leads, lead.gain)
             .filter(|other| other.gain > least && lead.share >= LITTLE);
         for other in promising.chain(self.plainest(lead, leads)) {
@@ -399,7 +400,11 @@ impl Fits<'_> {
                 break;
             }
             let to_beat = NOT_BETTER * fit.found.data_cost;
-            fit = better(fit, self.fit_of(other, most.min(to_beat)));
+            let next = self.fit_of(other, most.min(to_beat));
+            // A form that is a part of another cannot leave less, but where the other was led astray.
+            let (part, whole) = if next.chi < first.chi { (&next, lead) } else { (&first, other) };
+            let again = self.search.in_richer(part, whole);
+            fit = again.into_iter().chain([next]).fold(fit, better);
         }
         fit
     }

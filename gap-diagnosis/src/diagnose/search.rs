@@ -7,7 +7,7 @@ use super::plants::carry;
 use super::screen::{Lead, Starts, screen};
 use super::starts::{settle, settle_anew};
 use crate::residual::samples_per_independent;
-use plant_sim::effects::{Effect, Form, Kind, Parameter};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, Role};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -262,6 +262,25 @@ impl Search<'_> {
         let values: Option<Vec<f64>> = (form.parameters)(&self.bench.scales()).into_iter().map(value).collect();
         let values = values.filter(|values| !values.is_empty())?;
         Some(self.replaced(fit, fit.hypothesis.installed.len() - 1, effect, form, &values))
+    }
+
+    /// A fit in the form of `lead`, which has all numbers of its last effect and more, from where the fit ended: sizes that are new begin at nothing.
+    /// None where the form has not.
+    pub fn in_richer(&self, fit: &Candidate, lead: &Lead) -> Option<Candidate> {
+        let last = fit.hypothesis.installed.last()?;
+        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
+        let parameters = (lead.form.parameters)(&self.bench.scales());
+        let place = |parameter: &Parameter| last.axes.iter().position(|own| own.parameter.name == parameter.name);
+        let is_richer = parameters.iter().filter_map(&place).count() == last.axes.len()
+            && parameters.len() > last.axes.len()
+            && !parameters.iter().any(|parameter| parameter.per_log);
+        let value = |(parameter, screened): (&Parameter, &f64)| match (place(parameter), &parameter.role) {
+            (Some(at), _) => found[at],
+            (None, Role::Amplitude(_)) => 0.0,
+            (None, _) => *screened,
+        };
+        let values: Vec<f64> = parameters.iter().zip(&lead.values).map(value).collect();
+        is_richer.then(|| self.replaced(fit, fit.hypothesis.installed.len() - 1, lead.effect, lead.form, &values))
     }
 
     /// The effect of `other` in the place of `id` in `fit`, from where `fit` ended and with the values of `other`; none where they belong to

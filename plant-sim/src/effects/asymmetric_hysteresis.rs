@@ -11,7 +11,7 @@ const ABOUT: About = About {
     what: "The loop isn't a point reflection of itself: its ends, or its rising and falling branches, differ.",
     equation: "C v' = alpha q' - h(v) with 1/C larger by the share s at v = +d/2 and smaller at -d/2, or h larger by s \
                for v > 0 and smaller for v < 0; or a drive u (1 + c u), or u + g max(u - a, 0); or plays of the drive that miss h (1 + e u) of it, with e of 15 % or more over the range, beside the curvature; or h = sum (s_i + l_i u/R + b_i (u/R)^2) (u - p_i) beside it, plays p_i with thresholds from 0.02 to 0.7 of the reach R (wide ones without b and l); or a dead zone about \
-               m instead of zero, which shifts the displacement by alpha m / k and nothing else. C: capacitance, v: voltage \
+               m instead of zero, which shifts the displacement by alpha m / k and nothing else, with or without that skew of h. C: capacitance, v: voltage \
                of the hysteron, alpha: transduction, q: displacement, h: admittance, d: width of its dead zone, u: \
                drive, c: curvature, g: change of the gain beyond a, k: stiffness",
     source: "that the hysteresis of ceramics is asymmetric: Wei 2014 (Precision Engineering 38), arXiv 2412.08332; \
@@ -33,6 +33,11 @@ fn skew(_: &Scales<'_>) -> Vec<Parameter> {
 /// reading by alpha m / k, with k the stiffness. No log tells the two apart.
 fn off_centre(scales: &Scales<'_>) -> Vec<Parameter> {
     vec![Parameter::signed("shift_m", "m", 0.5 * scales.stroke_m, 0.01 * scales.stroke_m)]
+}
+
+/// Edges and slopes of their own on either side, of which the edges alone are [`off_centre`].
+fn off_centre_and_slope(scales: &Scales<'_>) -> Vec<Parameter> {
+    off_centre(scales).into_iter().chain(skew(scales)).collect()
 }
 
 fn curvature(scales: &Scales<'_>) -> Parameter {
@@ -62,6 +67,10 @@ const FORMS: &[Form] = &[
     Form::predictable("capacitance-of-first", skew, |chain, p| bend(chain, 0, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-second", skew, |chain, p| bend(chain, 1, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("slope", skew, |chain, p| bend_slowest(chain, BendLaw::SlopeSkew(p[0]))),
+    Form::predictable("off-centre-and-slope", off_centre_and_slope, |chain, p| {
+        chain.sensor.offset_m += p[0];
+        bend_slowest(chain, BendLaw::SlopeSkew(p[1]));
+    }),
     Form::predictable("drive", |scales| vec![curvature(scales)], |chain, p| chain.drive.curvature_per_v += p[0]),
     Form::predictable("plays-up", leaning, |chain, p| lean(chain, p, 1.0)),
     Form::predictable("plays-down", leaning, |chain, p| lean(chain, p, -1.0)),
