@@ -203,6 +203,7 @@ impl Augmented {
                 // Along a direction in which the prediction doesn't change only the priors know anything, and finite differences less.
                 let imitated = self.freed.iter().find(|freed| freed.effect == installed.effect.id());
                 let sigma = imitated.map_or(sigma, |freed| sigma.max(freed.value_sigma));
+                let sigma = with_mass(sigma, value, parameter.unit, bench.mass_sigma);
                 estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
             }
         }
@@ -293,10 +294,27 @@ fn params(estimates: &[&Estimate], source: &str) -> Vec<Param> {
     estimates.iter().map(param).collect()
 }
 
+/// The `sigma` of a `value` where the mass is known to a share `mass_sigma` of itself, as its file says: with mass, stiffness, damping, transduction,
+/// capacitances and slopes all scaled alike every displacement stays what it is, so that no log knows a force better than the mass.
+fn with_mass(sigma: f64, value: f64, unit: &str, mass_sigma: f64) -> f64 {
+    if unit.starts_with('N') { sigma.hypot(value * mass_sigma) } else { sigma }
+}
+
 /// Natural logarithm of the number over its prior.
 fn log_factor(scale: Scale, z: f64) -> f64 {
     match scale {
         Scale::Log { bound } => bound * (z / bound).tanh(),
         Scale::Shift { .. } | Scale::NotNegative { .. } => z,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_force_is_known_better_than_the_mass() {
+        assert_eq!(with_mass(0.03, -4.0, "N/m", 0.01), 0.05);
+        assert_eq!(with_mass(0.03, -4.0, "m", 0.01), 0.03);
     }
 }
