@@ -149,10 +149,7 @@ impl Augmented {
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
-        // Changes add up row by row; along the axes of their products each has a power of its own.
-        let mut spread_m2 = benches.starts_m2(&self.variant);
-        spread_m2.extend(benches.moved_m2(&self.variant, &moves).symmetric_eigenvalues().iter().map(|m2| m2.max(0.0)));
-        spread_m2
+        benches.spread_m2(&self.variant, &moves)
     }
 
     /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start

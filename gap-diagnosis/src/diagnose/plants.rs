@@ -5,7 +5,7 @@
 use super::bench::{Bench, Freedom, Hypothesis, Installed, Record};
 use super::normal::reader;
 use super::records::record;
-use super::starts::{play_log, scored_from, settle, sought};
+use super::starts::{Settled, play_log, scored_from, settle, sought};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
@@ -66,30 +66,42 @@ impl<'a> Benches<'a> {
     /// What `variant` predicts for the held-out logs.
     pub fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
+        let starts = self.starts(held, variant);
+        let one = |(index, start): (usize, &Settled)| play_log(held, &variant.hypothesis, &start.z, index);
+        starts.par_iter().enumerate().map(one).collect()
+    }
+
+    /// Where the held-out logs start with `variant`.
+    fn starts(&self, held: &Bench<'_>, variant: &Variant) -> Vec<Settled> {
         let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
-        let one = |index: usize| {
-            let start = sought(held, &variant.hypothesis, z.clone(), index);
-            play_log(held, &variant.hypothesis, &start.z, index)
-        };
+        let one = |index: usize| sought(held, &variant.hypothesis, z.clone(), index);
         (0..held.records.len()).into_par_iter().map(one).collect()
     }
 
+    /// Mean squares on the held-out rows that are scored, metres squared, one for each of independent numbers of unit sigma: where the first coordinates
+    /// of `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
+    pub fn spread_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> Vec<f64> {
+        let Some(held) = &self.held else { return Vec::new() };
+        let starts = self.starts(held, variant);
+        let mut spread_m2 = starts_m2(held, &variant.hypothesis, &starts);
+        // Changes add up row by row; along the axes of their products each has a power of its own.
+        let moved_m2 = self.moved_m2(held, variant, &starts, moves).symmetric_eigenvalues();
+        spread_m2.extend(moved_m2.iter().map(|m2| m2.max(0.0)));
+        spread_m2
+    }
+
     /// What the predictions for the held-out logs change on the rows that are scored when the first coordinates of `variant` are moved by each of
-    /// `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow, and stay in the valley where they
-    /// settled.
-    pub fn moved_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> DMatrix<f64> {
+    /// `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
+    fn moved_m2(&self, held: &Bench<'_>, variant: &Variant, starts: &[Settled], moves: &[Vec<f64>]) -> DMatrix<f64> {
         let zero = || DMatrix::zeros(moves.len(), moves.len());
-        let Some(held) = &self.held else { return zero() };
         let hypothesis = &variant.hypothesis;
-        let on_held = |z: &[f64]| carry(&self.fitted, hypothesis, z, held, hypothesis, false);
-        let z = on_held(&variant.z);
-        let one = |index: usize| -> DMatrix<f64> {
+        let one = |(index, start): (usize, &Settled)| -> DMatrix<f64> {
             let record = &held.records[index];
-            let start = sought(held, hypothesis, z.clone(), index);
             let moved = |by: &Vec<f64>| {
                 let mut there = variant.z.clone();
                 there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
-                start.follow(held, hypothesis, on_held(&there), index)
+                let there = carry(&self.fitted, hypothesis, &there, held, hypothesis, false);
+                start.follow(held, hypothesis, there, index)
             };
             let moved: Vec<Vec<f64>> = moves.iter().map(moved).collect();
             // All plants row by row beside each other: what each predicts for a long log need not be kept.
@@ -105,29 +117,25 @@ impl<'a> Benches<'a> {
             }
             products
         };
-        let sum = (0..held.records.len()).into_par_iter().map(one).reduce(zero, |a, b| a + b);
+        let sum = starts.par_iter().enumerate().map(one).reduce(zero, |a, b| a + b);
         sum / scored_rows(held)
     }
+}
 
-    /// Mean square that the start of each held-out log makes on the rows that are scored, as far as its first stretch leaves it open, metres squared.
-    /// What is open is one valley as a rule, along which whatever moves makes the others follow: that which matters most counts.
-    pub fn starts_m2(&self, variant: &Variant) -> Vec<f64> {
-        let Some(held) = &self.held else { return Vec::new() };
-        let hypothesis = &variant.hypothesis;
-        let z = carry(&self.fitted, hypothesis, &variant.z, held, hypothesis, false);
-        let one = |index: usize| -> f64 {
-            let from = scored_from(&held.records[index]);
-            let start = sought(held, hypothesis, z.clone(), index);
-            let here = play_log(held, hypothesis, &start.z, index);
-            let squares = |there: &Vec<f64>| {
-                let there = play_log(held, hypothesis, there, index);
-                here.iter().zip(&there).skip(from).map(|(here, there)| (here - there).powi(2)).sum::<f64>()
-            };
-            let both = |ways: [Vec<f64>; 2]| 0.5 * ways.iter().map(squares).sum::<f64>() / scored_rows(held);
-            start.left_open(held, hypothesis, index).into_iter().map(both).fold(0.0, f64::max)
+/// Mean square that the start of each held-out log makes on the rows that are scored, as far as its first stretch leaves it open, metres squared. What
+/// is open is one valley as a rule, along which whatever moves makes the others follow: that which matters most counts.
+fn starts_m2(held: &Bench<'_>, hypothesis: &Hypothesis, starts: &[Settled]) -> Vec<f64> {
+    let one = |(index, start): (usize, &Settled)| -> f64 {
+        let from = scored_from(&held.records[index]);
+        let here = play_log(held, hypothesis, &start.z, index);
+        let squares = |there: &Vec<f64>| {
+            let there = play_log(held, hypothesis, there, index);
+            here.iter().zip(&there).skip(from).map(|(here, there)| (here - there).powi(2)).sum::<f64>()
         };
-        (0..held.records.len()).into_par_iter().map(one).collect()
-    }
+        let both = |ways: [Vec<f64>; 2]| 0.5 * ways.iter().map(squares).sum::<f64>() / scored_rows(held);
+        start.left_open(held, hypothesis, index).into_iter().map(both).fold(0.0, f64::max)
+    };
+    starts.par_iter().enumerate().map(one).collect()
 }
 
 /// Rows that are scored, in all logs of `held`.

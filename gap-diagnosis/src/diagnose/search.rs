@@ -253,34 +253,38 @@ impl Search<'_> {
 
     /// Another effect in the place of the last one of a fit, from where the fit ended: `form` takes the values of the same names.
     pub fn in_kin(&self, fit: &Candidate, effect: &'static dyn Effect, form: &'static Form) -> Option<Candidate> {
-        let last = fit.hypothesis.installed.last()?;
-        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
-        let value = |parameter: Parameter| {
-            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (parameter.name, false);
-            Some(found[last.axes.iter().position(same)?])
-        };
-        let values: Option<Vec<f64>> = (form.parameters)(&self.bench.scales()).into_iter().map(value).collect();
-        let values = values.filter(|values| !values.is_empty())?;
-        Some(self.replaced(fit, fit.hypothesis.installed.len() - 1, effect, form, &values))
+        let values: Vec<f64> =
+            self.known(fit, &(form.parameters)(&self.bench.scales()))?.into_iter().collect::<Option<_>>()?;
+        let place = fit.hypothesis.installed.len() - 1;
+        (!values.is_empty()).then(|| self.replaced(fit, place, effect, form, &values))
     }
 
     /// A fit in the form of `lead`, which has all numbers of its last effect and more, from where the fit ended: sizes that are new begin at nothing.
     /// None where the form has not.
     pub fn in_richer(&self, fit: &Candidate, lead: &Lead) -> Option<Candidate> {
+        let parameters = (lead.form.parameters)(&self.bench.scales());
+        let known = self.known(fit, &parameters)?;
+        let own = fit.hypothesis.installed.last()?.axes.len();
+        let is_richer = known.iter().flatten().count() == own && known.len() > own;
+        let begins = |((parameter, known), screened): ((&Parameter, Option<f64>), &f64)| match parameter.role {
+            Role::Amplitude(_) => known.unwrap_or(0.0),
+            _ => known.unwrap_or(*screened),
+        };
+        let values: Vec<f64> = parameters.iter().zip(known).zip(&lead.values).map(begins).collect();
+        let is_shared = !parameters.iter().any(|parameter| parameter.per_log);
+        let place = fit.hypothesis.installed.len() - 1;
+        (is_richer && is_shared).then(|| self.replaced(fit, place, lead.effect, lead.form, &values))
+    }
+
+    /// What the last effect of `fit` has found for each of `parameters`, by name; nothing for what it has not, or for each log.
+    fn known(&self, fit: &Candidate, parameters: &[Parameter]) -> Option<Vec<Option<f64>>> {
         let last = fit.hypothesis.installed.last()?;
         let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
-        let parameters = (lead.form.parameters)(&self.bench.scales());
-        let place = |parameter: &Parameter| last.axes.iter().position(|own| own.parameter.name == parameter.name);
-        let is_richer = parameters.iter().filter_map(&place).count() == last.axes.len()
-            && parameters.len() > last.axes.len()
-            && !parameters.iter().any(|parameter| parameter.per_log);
-        let value = |(parameter, screened): (&Parameter, &f64)| match (place(parameter), &parameter.role) {
-            (Some(at), _) => found[at],
-            (None, Role::Amplitude(_)) => 0.0,
-            (None, _) => *screened,
+        let value = |parameter: &Parameter| {
+            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (parameter.name, false);
+            Some(found[last.axes.iter().position(same)?])
         };
-        let values: Vec<f64> = parameters.iter().zip(&lead.values).map(value).collect();
-        is_richer.then(|| self.replaced(fit, fit.hypothesis.installed.len() - 1, lead.effect, lead.form, &values))
+        Some(parameters.iter().map(value).collect())
     }
 
     /// The effect of `other` in the place of `id` in `fit`, from where `fit` ended and with the values of `other`; none where they belong to
