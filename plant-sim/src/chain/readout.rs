@@ -88,14 +88,21 @@ impl Readout {
     #[inline]
     pub(super) fn advance(&mut self, displacement_m: f64, velocity_m_per_s: f64) {
         self.sample += 1;
-        let displacement_m = if self.creep.is_empty() && self.arms.is_empty() {
-            displacement_m
-        } else {
-            self.follow(displacement_m, velocity_m_per_s)
-        };
+        let (from, sample_s) = (self.structure, self.sample_s);
+        self.structure = [displacement_m, velocity_m_per_s];
+        let path = || hermite(from, [displacement_m, velocity_m_per_s], sample_s);
+        // How far beyond this sample's displacement the structure has turned on its way here.
+        let turns = self.sensor.play_m > 0.0 && from[1] * velocity_m_per_s < 0.0;
+        let beyond_m = turns.then(|| turn(path(), velocity_m_per_s) - displacement_m);
+        let displacement_m =
+            if self.creep.is_empty() && self.arms.is_empty() { displacement_m } else { self.follow(path()) };
         let mut rate_m_per_s = 0.0;
         for contact in 0..self.contacts {
-            let (half_m, from_m) = (self.half_m(contact), self.contacts_m[contact]);
+            let (half_m, was_m) = (self.half_m(contact), self.contacts_m[contact]);
+            let from_m = beyond_m.map_or(was_m, |beyond_m| {
+                let turn_m = displacement_m + beyond_m;
+                was_m.max(turn_m - half_m).min(turn_m + half_m)
+            });
             // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
             let crept_m = self.dragged_m(from_m, displacement_m + self.sensor.drag_to * half_m);
             // Where a search has led the plant to where it is no number any more, the reading is none either.
@@ -116,15 +123,13 @@ impl Readout {
         (self.behind_m, self.behind_m_per_s) = (now_m, now_m_per_s);
     }
 
-    /// Lets creep and arms follow the structure over the sample; returns the displacement with all of them.
-    fn follow(&mut self, displacement_m: f64, velocity_m_per_s: f64) -> f64 {
-        let [from_m, from_m_per_s] = self.structure;
-        let mean_m = 0.5 * (from_m + displacement_m);
+    /// Lets creep and arms follow the structure on its `path` over the sample; returns the displacement with all of them.
+    fn follow(&mut self, path: [f64; 4]) -> f64 {
+        let mean_m = 0.5 * (path[0] + self.structure[0]);
         for Creep { creeps: [out, back], relaxed_m, .. } in &mut self.creep {
             let apart_m = mean_m - *relaxed_m;
             *relaxed_m += apart_m * if apart_m * *relaxed_m < 0.0 { *back } else { *out };
         }
-        let path = hermite([from_m, from_m_per_s], [displacement_m, velocity_m_per_s], self.sample_s);
         for (arm, follower) in &mut self.arms {
             let natural_rad_per_s = std::f64::consts::TAU * arm.hz;
             follower.pass(
@@ -133,7 +138,6 @@ impl Readout {
                 self.sample_s,
             );
         }
-        self.structure = [displacement_m, velocity_m_per_s];
         self.seen_m()
     }
 
@@ -193,4 +197,11 @@ impl Readout {
 fn hermite([from, from_slope]: [f64; 2], [to, to_slope]: [f64; 2], t: f64) -> [f64; 4] {
     let mean = (to - from) / t;
     [from, from_slope, (3.0 * mean - 2.0 * from_slope - to_slope) / t, (from_slope + to_slope - 2.0 * mean) / (t * t)]
+}
+
+/// Where a cubic turns whose slope has the other sign at its end, `to_slope`, than at its start.
+fn turn([from, slope, bend, twist]: [f64; 4], to_slope: f64) -> f64 {
+    // Of the slope's two roots the one through which it goes to the sign that it has at the end.
+    let t = -slope / (bend + (bend * bend - 3.0 * twist * slope).sqrt().copysign(to_slope));
+    from + t * (slope + t * (bend + t * twist))
 }
