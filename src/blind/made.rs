@@ -96,7 +96,9 @@ pub fn seal_truth(store: &Store, id: &str, case: &Case) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plant_sim::effects::find;
+    use gap_diagnosis::score::known_forms;
+    use plant_sim::effects::sane::EXAMPLE;
+    use plant_sim::effects::{Form, find};
 
     #[test]
     fn stages_are_the_registrys() {
@@ -115,6 +117,19 @@ mod tests {
         for form in forms() {
             let joined = format!("{}: {} + backlash: x", form.effect.id(), form.name);
             assert_eq!(form_names(&[form.effect, Backlash], &joined)[0], form.name);
+        }
+    }
+
+    #[test]
+    fn forms_whose_numbers_are_compared_are_forms_of_the_truth_and_of_the_registry() {
+        for (known, numbers) in known_forms() {
+            let (effect, name) = known.split_once(": ").expect(known);
+            assert!(forms().any(|form| form.effect.id() == effect && form.name == name), "{known}");
+            let entry = find(effect).expect(effect);
+            let of = |form: &Form| -> Vec<&str> {
+                (form.parameters)(&EXAMPLE).iter().map(|parameter| parameter.name).collect()
+            };
+            assert!(entry.forms().iter().any(|form| of(form) == numbers), "{known}");
         }
     }
 }

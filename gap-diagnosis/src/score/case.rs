@@ -27,7 +27,7 @@ pub struct Truth {
     pub gap_over_noise: Option<f64>,
     /// Rms of the sensor's noise; unknown for real data.
     pub noise_um: Option<f64>,
-    /// Sizes of effects and nuisances, unit in the name; not scored.
+    /// Sizes of effects and nuisances, unit in the name.
     #[serde(default)]
     pub parameters: Vec<(String, f64)>,
 }
@@ -93,6 +93,9 @@ pub struct Answer {
     /// Sizes of the gap.
     #[serde(default)]
     pub gap: Gap,
+    /// Numbers of the named effects.
+    #[serde(default)]
+    pub parameters: Vec<Estimate>,
     /// What would split the set.
     #[serde(default)]
     pub next_experiment: Option<NextExperiment>,
@@ -128,6 +131,19 @@ pub struct Gap {
     pub predicted_shrink_percent_ci95: Option<(f64, f64)>,
     /// How far the gap closed, noise taken off.
     pub closure_percent: Option<f64>,
+}
+
+/// A number of a named effect.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Estimate {
+    /// The effect.
+    pub effect: String,
+    /// Its name in the registry, unit in the name.
+    pub name: String,
+    /// What was found, SI.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
 }
 
 /// An experiment that splits the set.

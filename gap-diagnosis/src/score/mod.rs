@@ -9,6 +9,7 @@ mod bars;
 mod case;
 mod failure;
 mod names;
+mod numbers;
 mod open;
 mod page;
 mod rate;
@@ -18,9 +19,10 @@ mod trust;
 
 pub use again::{Active, LeftOut, Tried, active, left_out};
 pub use bars::Bar;
-pub use case::{Answer, Case, Gap, Kind, NextExperiment, Truth};
+pub use case::{Answer, Case, Estimate, Gap, Kind, NextExperiment, Truth};
 pub use failure::{Cause, Failure};
 pub use names::{Confusion, Names, RatioBin, Recall};
+pub use numbers::{Numbers, Outside, known_forms};
 pub use open::{Rejection, Seen};
 pub use page::{PageView, score_page};
 pub use rate::Rate;
@@ -60,6 +62,8 @@ pub struct Score {
     pub pairs: Pairs,
     /// How far the gap closed.
     pub closure: Closure,
+    /// How well the numbers of named effects are known.
+    pub numbers: Numbers,
     /// Truth against answer.
     pub confusion: Confusion,
     /// Failures by cause.
@@ -169,6 +173,7 @@ pub fn score(cases: &[Case], left_out: Option<LeftOut>, active: Option<Active>) 
         },
         pairs: pairs(of(Kind::Pair)),
         closure: closure(cases),
+        numbers: numbers::numbers(cases),
         confusion: names::confusion(cases),
         causes: Cause::ALL.map(|cause| (cause, failures.iter().filter(|f| f.cause == cause).count())).to_vec(),
         failures,

@@ -2,11 +2,14 @@
 
 use super::bars::Bar;
 use super::rate::Rate;
-use super::{Active, Failure, LeftOut, Score};
+use super::{Active, Failure, LeftOut, Outside, Score};
 use crate::page::{Axis, BarItem, BarList, Chart, Ink, Loop, Matrix, Page, four_digits};
 
 /// Failures that are listed.
 const LISTED: usize = 40;
+
+/// Numbers that are listed.
+const LISTED_NUMBERS: usize = 10;
 
 /// What the report shows.
 #[derive(Clone, Copy)]
@@ -53,6 +56,14 @@ pub fn score_page(view: &PageView<'_>) -> Page {
         page.chart(oscr(score));
     }
     page.table("Unknowns, sets and pairs.", &["figure", "found", "95 % interval", "cases"], &rest(score));
+    if !score.numbers.outside.is_empty() {
+        let rows: Vec<Vec<String>> = score.numbers.outside.iter().take(LISTED_NUMBERS).map(number_row).collect();
+        page.table(
+            "Numbers of named effects farthest outside their 95 % interval, where the true form is one of the registry's.",
+            &["case", "effect", "number", "true", "found", "sigma", "off by"],
+            &rows,
+        );
+    }
     if let Some(left_out) = &score.left_out {
         show_left_out(&mut page, left_out);
     }
@@ -269,6 +280,7 @@ fn rest(score: &Score) -> Vec<Vec<String>> {
         ("pairs: both and nothing else", pairs.exact),
         ("predicted shrink within 5 points of the realised one", score.closure.within_5_points),
         ("realised shrink inside the predicted one's 95 %", score.closure.inside_ci95),
+        ("true number inside its 95 %, in forms of the registry", score.numbers.inside_ci95),
     ]
     .iter()
     .map(|(name, rate)| rate_row(name, rate))
@@ -287,6 +299,12 @@ fn rate_row(name: &str, rate: &Rate) -> Vec<String> {
     let interval = format!("{} to {}", percent(rate.low), percent(rate.high));
     let interval = if rate.of > 0 { interval } else { "–".to_owned() };
     vec![name.to_owned(), percent(rate.share), interval, rate.of.to_string()]
+}
+
+fn number_row(number: &Outside) -> Vec<String> {
+    let [truth, found, sigma] = [number.truth, number.found, number.sigma].map(|value| format!("{value:.5e}"));
+    let off = format!("{:.1} sigma", number.deviation());
+    vec![number.id.clone(), number.effect.clone(), number.name.clone(), truth, found, sigma, off]
 }
 
 fn show_left_out(page: &mut Page, left_out: &LeftOut) {

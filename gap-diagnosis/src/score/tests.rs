@@ -232,3 +232,36 @@ fn second_diagnoses_by_hand() {
     assert_eq!((found.made, found.no_command, found.failed, found.mean_size), (1, 1, 1, [2.0, 1.0]));
     assert_eq!((found.right[0].hits, found.right[1].hits, found.covered.hits), (0, 1, 1));
 }
+
+#[test]
+fn numbers_are_compared_where_the_true_form_was_fitted() {
+    let of = |form: &str, size: f64, found: &[(&str, f64)]| {
+        let effect = form.split(':').next().unwrap();
+        let parameters =
+            [("backlash.half_width_m", size), ("sensor_gain.gain_error", size), ("sensor_gain.sign", -1.0)];
+        let parameters = parameters.map(|(key, value)| (key.to_owned(), value)).to_vec();
+        let mut said = sure(effect);
+        let estimate = |(name, value): &(&str, f64)| Estimate {
+            effect: effect.to_owned(),
+            name: (*name).to_owned(),
+            value: *value,
+            sigma: 0.1,
+        };
+        said.parameters = found.iter().map(estimate).collect();
+        case(form, Truth { form: form.to_owned(), parameters, ..truth(&[effect]) }, said)
+    };
+    let all = [
+        // Twice 2 is 4, 1.9 sigma off; then 2.1.
+        of("backlash: play", 2.0, &[("play_m", 4.19)]),
+        of("backlash: play", 2.0, &[("play_m", 3.79)]),
+        // Another form was fitted, and another one is so.
+        of("backlash: play", 2.0, &[("play_m", 9.0), ("spread", 0.5)]),
+        of("backlash: play worn at one end", 2.0, &[("play_m", 9.0)]),
+        of("sensor_gain: constant", 0.5, &[("relative_gain", -0.5)]),
+        of("sensor_gain: constant", 0.5, &[("relative_gain", 0.5)]),
+    ];
+    let found = numbers::numbers(&all);
+    assert_eq!((found.inside_ci95.hits, found.inside_ci95.of), (2, 4));
+    let outside: Vec<(&str, f64)> = found.outside.iter().map(|o| (o.name.as_str(), o.deviation().round())).collect();
+    assert_eq!(outside, [("relative_gain", 10.0), ("play_m", -2.0)]);
+}
