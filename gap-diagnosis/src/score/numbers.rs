@@ -110,7 +110,7 @@ pub fn known_forms() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> 
 pub fn numbers(cases: &[Case]) -> Numbers {
     let compared: Vec<Outside> = cases.iter().flat_map(compared).collect();
     let is_inside = |number: &Outside| (number.found - number.truth).abs() <= NINETY_FIVE * number.sigma;
-    let inside_ci95 = Rate::count(&compared, |number| is_inside(number));
+    let inside_ci95 = Rate::count(&compared, is_inside);
     let mut outside: Vec<Outside> = compared.into_iter().filter(|number| !is_inside(number)).collect();
     outside.sort_by(|a, b| b.deviation().abs().total_cmp(&a.deviation().abs()));
     Numbers { inside_ci95, outside }
