@@ -171,6 +171,9 @@ impl Fits<'_> {
             self.change_forms(near, leads, &seconds);
         }
         pairs.sort_by(by_chi);
+        if let Some((best, _)) = pairs.first_mut().filter(|(best, _)| self.left(best) < HALF) {
+            *best = self.search.polish(self.search.rested(best.clone()));
+        }
         let mut twins = Vec::new();
         if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
             twins = self.twins(best, singles, first, &seconds, lead);
@@ -185,6 +188,11 @@ impl Fits<'_> {
     fn is_all(&self, fit: &Candidate) -> bool {
         let left = self.left(fit);
         left < FOUND || left < NEARLY_ALL && fit.chi < AT_NOISE
+    }
+
+    /// Whether more stays than the noise of what is mostly explained: a local minimum, or a form that is not quite right.
+    fn is_above(&self, fit: &Candidate) -> bool {
+        self.left(fit) < HALF && fit.chi > AT_NOISE
     }
 
     fn is_found(&self, fit: &Candidate) -> bool {
@@ -272,24 +280,15 @@ impl Fits<'_> {
             }
             fits.push(fit);
         }
-        // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
-        // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
+        // The finalists once more: a fit ends in a local minimum now and then, a little above the noise or with the numbers bent, and one that is at
+        // the noise as far as that is known may be in another valley all the same.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
         let least = fits.first().map_or(0.0, |fit| self.left(fit));
         for fit in fits.iter_mut().take(finalists).take_while(|fit| self.left(fit) <= AS_GOOD * least) {
-            let is_above = (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE;
-            let is_bent = self.left(fit) < FOUND && fit.found.prior_cost > FREED_BESIDES;
-            if is_above || is_bent {
+            if self.left(fit) < HALF {
                 (self.say)("polishing", 0.6);
-                *fit = self.search.polish(fit.clone());
-                let numbers = along(self.search.bench, &self.refit.found);
-                if let Some(numbers) = numbers.filter(|_| self.left(fit) > WELL) {
-                    *fit = self.search.polish_from(fit.clone(), &numbers);
-                }
-                if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES {
-                    *fit = self.search.unbent(fit.clone());
-                }
+                *fit = self.polished(fit.clone());
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
@@ -297,6 +296,17 @@ impl Fits<'_> {
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect()
+    }
+
+    /// A fit from other starts: from where it ended with every log at rest, from the nominal numbers, and, if it is still above the noise, from where
+    /// a payload or a gain would have put them.
+    fn polished(&self, fit: Candidate) -> Candidate {
+        let mut fit = self.search.polish(self.search.rested(fit));
+        let numbers = along(self.search.bench, &self.refit.found);
+        if let Some(numbers) = numbers.filter(|_| self.is_above(&fit)) {
+            fit = self.search.polish_from(fit, &numbers);
+        }
+        if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES { self.search.unbent(fit) } else { fit }
     }
 
     /// A rival must not hang on where its own search began: plants forget nothing, so that one log may be locked in another valley. Rivals of the
