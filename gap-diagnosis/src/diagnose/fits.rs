@@ -169,6 +169,10 @@ impl Fits<'_> {
         let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
         for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
             self.change_forms(near, leads, &seconds);
+            if !self.is_found(near) {
+                let richer = self.with_richer_kin(&self.shared(near.clone()));
+                *near = richer.into_iter().fold(near.clone(), better);
+            }
         }
         pairs.sort_by(by_chi);
         if let Some((best, _)) = pairs.first_mut().filter(|(best, _)| self.left(best) < HALF) {
@@ -292,6 +296,7 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        self.richer_kin(&mut fits);
         self.kin(&mut fits);
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
@@ -307,6 +312,34 @@ impl Fits<'_> {
             fit = self.search.polish_from(fit, &numbers);
         }
         if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES { self.search.unbent(fit) } else { fit }
+    }
+
+    /// What the best fit leaves above the noise may be what a rival's form has besides.
+    fn richer_kin(&self, fits: &mut Vec<Candidate>) {
+        let Some(best) = fits.first().filter(|best| self.is_above(best)) else { return };
+        let Some(richer) = self.with_richer_kin(best) else { return };
+        match fits.iter().position(|fit| fit.hypothesis.ids() == richer.hypothesis.ids()) {
+            Some(known) => fits[known] = better(fits[known].clone(), richer),
+            None => fits.push(richer),
+        }
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+    }
+
+    /// `fit` with a rival in the place of one of its effects, in a form that has the same numbers and others, fitted from there, whatever the screening
+    /// promised of it; none unless that takes much of what stays.
+    fn with_richer_kin(&self, fit: &Candidate) -> Option<Candidate> {
+        let rivals = fit.hypothesis.installed.iter().enumerate().flat_map(|(place, installed)| {
+            let rivals = installed.effect.about().rivals.iter().filter_map(|id| find(id));
+            rivals.map(move |effect| (place, effect))
+        });
+        let ids = fit.hypothesis.ids();
+        let is_new = |effect: &str| !self.without.contains(&effect) && !ids.contains(&effect);
+        let forms = rivals.filter(|(_, effect)| is_new(effect.id())).flat_map(|(place, effect)| {
+            let forms = effect.forms().iter().filter(|form| form.kind == Kind::Predictable);
+            forms.map(move |form| (place, (effect, form)))
+        });
+        let richer = forms.filter_map(|(place, form)| self.search.in_richer_kin(fit, place, form, FEW_MORE));
+        richer.reduce(better).filter(|richer| 1.0 - richer.left(fit, 1.0) > PAIR_TAKES)
     }
 
     /// A rival must not hang on where its own search began: plants forget nothing, so that one log may be locked in another valley. Rivals of the

@@ -253,36 +253,61 @@ impl Search<'_> {
 
     /// Another effect in the place of the last one of a fit, from where the fit ended: `form` takes the values of the same names.
     pub fn in_kin(&self, fit: &Candidate, effect: &'static dyn Effect, form: &'static Form) -> Option<Candidate> {
-        let values: Vec<f64> =
-            self.known(fit, &(form.parameters)(&self.bench.scales()))?.into_iter().collect::<Option<_>>()?;
-        let place = fit.hypothesis.installed.len() - 1;
+        let place = fit.hypothesis.installed.len().checked_sub(1)?;
+        let parameters = (form.parameters)(&self.bench.scales());
+        let values: Vec<f64> = self.known(fit, place, &parameters)?.into_iter().collect::<Option<_>>()?;
         (!values.is_empty()).then(|| self.replaced(fit, place, effect, form, &values))
     }
 
     /// A fit in the form of `lead`, which has all numbers of its last effect and more, from where the fit ended: sizes that are new begin at nothing.
     /// None where the form has not.
     pub fn in_richer(&self, fit: &Candidate, lead: &Lead) -> Option<Candidate> {
-        let parameters = (lead.form.parameters)(&self.bench.scales());
-        let known = self.known(fit, &parameters)?;
-        let own = fit.hypothesis.installed.last()?.axes.len();
-        let is_richer = known.iter().flatten().count() == own && known.len() > own;
-        let begins = |((parameter, known), screened): ((&Parameter, Option<f64>), &f64)| match parameter.role {
-            Role::Amplitude(_) => known.unwrap_or(0.0),
-            _ => known.unwrap_or(*screened),
-        };
-        let values: Vec<f64> = parameters.iter().zip(known).zip(&lead.values).map(begins).collect();
-        let is_shared = !parameters.iter().any(|parameter| parameter.per_log);
-        let place = fit.hypothesis.installed.len() - 1;
-        (is_richer && is_shared).then(|| self.replaced(fit, place, lead.effect, lead.form, &values))
+        let last = fit.hypothesis.installed.len().checked_sub(1)?;
+        self.richer(fit, last, (lead.effect, lead.form), |number| Some(lead.values[number]))
     }
 
-    /// What the last effect of `fit` has found for each of `parameters`, by name; nothing for what it has not, or for each log.
-    fn known(&self, fit: &Candidate, parameters: &[Parameter]) -> Option<Vec<Option<f64>>> {
-        let last = fit.hypothesis.installed.last()?;
-        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).pop()?;
+    /// The same in a `form` of another effect in the `place` of one of the fit's, of which nothing is known: it may have so many sizes besides at the
+    /// most, and no shapes.
+    pub fn in_richer_kin(
+        &self,
+        fit: &Candidate,
+        place: usize,
+        (effect, form): (&'static dyn Effect, &'static Form),
+        most: usize,
+    ) -> Option<Candidate> {
+        let own = fit.hypothesis.installed[place].axes.len();
+        let more = (form.parameters)(&self.bench.scales()).len().checked_sub(own)?;
+        if more > most { None } else { self.richer(fit, place, (effect, form), |_| None) }
+    }
+
+    /// The same; what is new and no size begins where `begins` says.
+    fn richer(
+        &self,
+        fit: &Candidate,
+        place: usize,
+        (effect, form): (&'static dyn Effect, &'static Form),
+        begins: impl Fn(usize) -> Option<f64>,
+    ) -> Option<Candidate> {
+        let parameters = (form.parameters)(&self.bench.scales());
+        let known = self.known(fit, place, &parameters)?;
+        let own = fit.hypothesis.installed[place].axes.len();
+        let is_richer = known.iter().flatten().count() == own && known.len() > own;
+        let value = |(number, (parameter, known)): (usize, (&Parameter, Option<f64>))| match parameter.role {
+            Role::Amplitude(_) => Some(known.unwrap_or(0.0)),
+            _ => known.or_else(|| begins(number)),
+        };
+        let values: Vec<f64> = parameters.iter().zip(known).enumerate().map(value).collect::<Option<_>>()?;
+        let is_shared = !parameters.iter().any(|parameter| parameter.per_log);
+        (is_richer && is_shared).then(|| self.replaced(fit, place, effect, form, &values))
+    }
+
+    /// What effect number `place` of `fit` has found for each of `parameters`, by name; nothing for what it has not, or for each log.
+    fn known(&self, fit: &Candidate, place: usize, parameters: &[Parameter]) -> Option<Vec<Option<f64>>> {
+        let installed = fit.hypothesis.installed.get(place)?;
+        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).into_iter().nth(place)?;
         let value = |parameter: &Parameter| {
             let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (parameter.name, false);
-            Some(found[last.axes.iter().position(same)?])
+            Some(found[installed.axes.iter().position(same)?])
         };
         Some(parameters.iter().map(value).collect())
     }

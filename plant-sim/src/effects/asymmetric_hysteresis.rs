@@ -30,9 +30,9 @@ fn skew(_: &Scales<'_>) -> Vec<Parameter> {
 }
 
 /// A dead zone from m - d/2 to m + d/2 is one about zero for v - m, and what is left is the constant force alpha m: exactly an offset of the
-/// reading by alpha m / k, with k the stiffness. No log tells the two apart.
+/// reading by alpha m / k, with k the stiffness. No log tells the two apart, and the number has the name of that offset.
 fn off_centre(scales: &Scales<'_>) -> Vec<Parameter> {
-    vec![Parameter::signed("shift_m", "m", 0.5 * scales.stroke_m, 0.01 * scales.stroke_m)]
+    vec![Parameter::signed("offset_m", "m", 0.5 * scales.stroke_m, 0.01 * scales.stroke_m)]
 }
 
 /// Edges and slopes of their own on either side, of which the edges alone are [`off_centre`].
