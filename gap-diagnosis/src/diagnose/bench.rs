@@ -512,6 +512,21 @@ impl<'a> Bench<'a> {
         hypothesis.installed.iter().zip(self.places(hypothesis, index)).map(value).collect()
     }
 
+    /// The same as the mean over all logs where each has its own.
+    pub fn means(&self, hypothesis: &Hypothesis, z: &[f64]) -> Vec<Vec<f64>> {
+        let logs: Vec<Vec<Vec<f64>>> = (0..self.records.len()).map(|index| self.values(hypothesis, z, index)).collect();
+        let mean = |effect: usize, number: usize| {
+            logs.iter().map(|values| values[effect][number]).sum::<f64>() / logs.len() as f64
+        };
+        let mut means = logs.first().cloned().unwrap_or_default();
+        for (effect, installed) in hypothesis.installed.iter().enumerate() {
+            for (number, _) in installed.axes.iter().enumerate().filter(|(_, axis)| axis.parameter.per_log) {
+                means[effect][number] = mean(effect, number);
+            }
+        }
+        means
+    }
+
     /// The chain of log `index`.
     pub fn chain_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Chain {
         let mut chain = self.chain.clone();

@@ -170,7 +170,7 @@ impl Fits<'_> {
         for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
             self.change_forms(near, leads, &seconds);
             if !self.is_found(near) {
-                let richer = self.with_richer_kin(&self.shared(near.clone()));
+                let richer = self.with_richer_kin(near);
                 *near = richer.into_iter().fold(near.clone(), better);
             }
         }
@@ -388,14 +388,8 @@ impl Fits<'_> {
                 && parameters.iter().zip(&own).all(|(shared, own)| shared.name == own.name && !shared.per_log)
         };
         let Some(form) = installed.effect.forms().iter().find(is_same) else { return fit };
-        let logs = bench.records.len();
-        let mut mean = vec![0.0; own.len()];
-        for index in 0..logs {
-            let values = bench.values(&fit.hypothesis, &fit.found.z, index);
-            let last = values.last().into_iter().flatten();
-            mean.iter_mut().zip(last).for_each(|(mean, value)| *mean += value / logs as f64);
-        }
-        let shared = self.search.in_form(&fit, installed.effect, form, &mean);
+        let Some(means) = bench.means(&fit.hypothesis, &fit.found.z).pop() else { return fit };
+        let shared = self.search.in_form(&fit, installed.effect, form, &means);
         shared.filter(|shared| shared.chi < AS_WELL * fit.chi).unwrap_or(fit)
     }
 

@@ -1,6 +1,6 @@
 //! The search: refit of the nominal plant, screening, full fits of what survives, alone and in pairs.
 
-use super::bench::{Axis, Bench, Freedom, Hypothesis, Record};
+use super::bench::{Bench, Freedom, Hypothesis, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::carry;
@@ -301,13 +301,13 @@ impl Search<'_> {
         (is_richer && is_shared).then(|| self.replaced(fit, place, effect, form, &values))
     }
 
-    /// What effect number `place` of `fit` has found for each of `parameters`, by name; nothing for what it has not, or for each log.
+    /// What effect number `place` of `fit` has found for each of `parameters`, by name, as the mean where each log has its own; nothing for what it has
+    /// not.
     fn known(&self, fit: &Candidate, place: usize, parameters: &[Parameter]) -> Option<Vec<Option<f64>>> {
         let installed = fit.hypothesis.installed.get(place)?;
-        let found = self.bench.values(&fit.hypothesis, &fit.found.z, 0).into_iter().nth(place)?;
+        let found = self.bench.means(&fit.hypothesis, &fit.found.z).into_iter().nth(place)?;
         let value = |parameter: &Parameter| {
-            let same = |own: &Axis| (own.parameter.name, own.parameter.per_log) == (parameter.name, false);
-            Some(found[installed.axes.iter().position(same)?])
+            Some(found[installed.axes.iter().position(|own| own.parameter.name == parameter.name)?])
         };
         Some(parameters.iter().map(value).collect())
     }
