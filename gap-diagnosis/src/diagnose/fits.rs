@@ -180,7 +180,7 @@ impl Fits<'_> {
         }
         let mut twins = Vec::new();
         if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
-            twins = self.twins(best, singles, first, &seconds, lead);
+            twins = self.twins(best, singles, first, [leads, &seconds], lead);
             *best = self.least(best.clone());
         }
         let worth =
@@ -233,7 +233,7 @@ impl Fits<'_> {
         pair: &Candidate,
         singles: &[Candidate],
         first: &Candidate,
-        seconds: &[Lead],
+        [leads, seconds]: [&[Lead]; 2],
         lead: &Lead,
     ) -> Vec<Candidate> {
         let is_new = |id: &str| !pair.hypothesis.ids().contains(&id);
@@ -243,6 +243,14 @@ impl Fits<'_> {
         let of_first = first.hypothesis.ids();
         let instead_of_first = |other: &Candidate| self.search.in_valley_of(pair, of_first.first()?, other);
         let mut twins: Vec<Candidate> = firsts.take(MOST_TWINS).filter_map(instead_of_first).collect();
+        // Alone no other lag may have been as good as the first; beside what it left over any may be.
+        if let Some(id) = of_first.first().filter(|id| LAGS.contains(id)) {
+            let is_tried = |id: &str| twins.iter().any(|twin| twin.hypothesis.ids().contains(&id));
+            let lags = distinct(leads).into_iter().filter(|other| is_lag(other) && is_new(other.effect.id()));
+            let lags: Vec<&Lead> = lags.filter(|other| !is_tried(other.effect.id())).collect();
+            let instead = |lag: &Lead| self.search.instead(pair, id, (lag.effect, lag.form), &lag.values);
+            twins.extend(lags.into_iter().filter_map(instead));
+        }
         let is_as_good = |other: &&Lead| {
             is_new(other.effect.id()) && (other.gain > AS_MUCH * lead.gain || is_lag(lead) && is_lag(other))
         };
