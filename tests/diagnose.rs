@@ -337,18 +337,6 @@ fn a_form_is_not_led_astray_where_a_part_of_it_leaves_less() {
     }
 }
 
-/// Beside a gap of fifty times the noise a local minimum a twentieth above the noise is next to nothing: the name is right there, and the number is not.
-#[test]
-fn a_number_is_not_left_in_a_local_minimum() {
-    let found = diagnosis_of_develop("diagnose-delay", 10_078_987_491_581_486_860, EffectId::TransportDelay);
-    assert_eq!(found["effects"], serde_json::json!(["transport_delay"]), "{}", found["ranking"]);
-    let delay = &found["parameters"][0];
-    let [delay_s, sigma_s] = ["value", "sigma"].map(|key| delay[key].as_f64().expect("a number"));
-    // What the bench was made with.
-    let off = (delay_s - 8.555_824_644e-5) / sigma_s;
-    assert!(off.abs() < 2.5 && sigma_s < 3e-8, "{off} sigma of {sigma_s} s");
-}
-
 /// A sensor's curve with a kink at zero and a gain by side are one curve: nothing measured tells them apart, and neither is preferred.
 #[test]
 fn one_curve_under_two_names_is_a_class() {

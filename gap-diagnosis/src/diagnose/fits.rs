@@ -175,9 +175,6 @@ impl Fits<'_> {
             }
         }
         pairs.sort_by(by_chi);
-        if let Some((best, _)) = pairs.first_mut().filter(|(best, _)| self.left(best) < HALF) {
-            *best = self.search.polish(self.search.rested(best.clone()));
-        }
         let mut twins = Vec::new();
         if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
             twins = self.twins(best, singles, first, [leads, &seconds], lead);
@@ -292,34 +289,35 @@ impl Fits<'_> {
             }
             fits.push(fit);
         }
-        // The finalists once more: a fit ends in a local minimum now and then, a little above the noise or with the numbers bent, and one that is at
-        // the noise as far as that is known may be in another valley all the same.
+        // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
+        // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
         let finalists = if fits.first().is_some_and(|fit| self.left(fit) < FOUND) { 1 } else { 2 };
         let least = fits.first().map_or(0.0, |fit| self.left(fit));
         for fit in fits.iter_mut().take(finalists).take_while(|fit| self.left(fit) <= AS_GOOD * least) {
-            if self.left(fit) < HALF {
+            let is_above = (WELL..0.5).contains(&self.left(fit)) && fit.chi > AT_NOISE;
+            let is_bent = self.left(fit) < FOUND && fit.found.prior_cost > FREED_BESIDES;
+            if is_above || is_bent {
                 (self.say)("polishing", 0.6);
-                *fit = self.polished(fit.clone());
+                *fit = self.search.polish(fit.clone());
+                let numbers = along(self.search.bench, &self.refit.found);
+                if let Some(numbers) = numbers.filter(|_| self.left(fit) > WELL) {
+                    *fit = self.search.polish_from(fit.clone(), &numbers);
+                }
+                if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES {
+                    *fit = self.search.unbent(fit.clone());
+                }
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
-        self.richer_kin(&mut fits);
+        // Where a start is off, numbers in the place of another's take for themselves what the start did.
+        if start.is_none() {
+            self.richer_kin(&mut fits);
+        }
         self.kin(&mut fits);
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect()
-    }
-
-    /// A fit from other starts: from where it ended with every log at rest, from the nominal numbers, and, if it is still above the noise, from where
-    /// a payload or a gain would have put them.
-    fn polished(&self, fit: Candidate) -> Candidate {
-        let mut fit = self.search.polish(self.search.rested(fit));
-        let numbers = along(self.search.bench, &self.refit.found);
-        if let Some(numbers) = numbers.filter(|_| self.is_above(&fit)) {
-            fit = self.search.polish_from(fit, &numbers);
-        }
-        if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES { self.search.unbent(fit) } else { fit }
     }
 
     /// What the best fit leaves above the noise may be what a rival's form has besides.

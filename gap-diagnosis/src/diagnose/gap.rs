@@ -197,8 +197,7 @@ fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
             all.shrink_percent()
         })
         .collect();
-    let [low, _, high] = middle_95(shrinks);
-    [low, high]
+    middle_95(shrinks)
 }
 
 /// What the fitted rows and the headline's commands lead one to expect on the headline's rows.
@@ -323,15 +322,19 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
     let (mut spread, shrinks): (Vec<f64>, Vec<f64>) = draws.unzip();
     spread.sort_by(f64::total_cmp);
     let left2 = stays2(&fitted) + spread[RESAMPLES / 2];
-    // The middle of all draws: one log that the others do not tell counts where it is drawn, and no mean square can be without it.
-    let [low, middle, high] = middle_95(shrinks);
-    Expected { left2_m2: left2 / rows.max(1.0), shrink_percent: middle, shrink_percent_ci95: [low, high] }
+    let point = shrink_percent(left2, noise2);
+    let [low, high] = middle_95(shrinks);
+    Expected {
+        left2_m2: left2 / rows.max(1.0),
+        shrink_percent: point,
+        shrink_percent_ci95: [low.min(point), high.max(point)],
+    }
 }
 
-/// 2.5th, 50th and 97.5th percentile of the resamples.
-fn middle_95(mut resampled: Vec<f64>) -> [f64; 3] {
+/// 2.5th and 97.5th percentile of the resamples.
+fn middle_95(mut resampled: Vec<f64>) -> [f64; 2] {
     resampled.sort_by(f64::total_cmp);
-    [RESAMPLES * 25 / 1000, RESAMPLES / 2, RESAMPLES * 975 / 1000 - 1].map(|at| resampled[at])
+    [resampled[RESAMPLES * 25 / 1000], resampled[RESAMPLES * 975 / 1000 - 1]]
 }
 
 /// Mean square beyond the noise on all rows, metres squared: a held-out log may not show what the hold or the multisine does.

@@ -348,19 +348,6 @@ impl Search<'_> {
         self.descend(&hypothesis, z, &LAST_STAGES)
     }
 
-    /// The candidate again, every log put back at rest; the better of both.
-    pub fn rested(&self, candidate: Candidate) -> Candidate {
-        let (bench, hypothesis) = (self.bench, &candidate.hypothesis);
-        let (mut z, origin) = (candidate.found.z.clone(), bench.origin(hypothesis));
-        for index in 0..bench.records.len() {
-            let at = bench.own_start(hypothesis, index);
-            let start = at..at + bench.start_count(hypothesis);
-            z[start.clone()].copy_from_slice(&origin[start]);
-        }
-        let again = self.descend(hypothesis, z, &LAST_STAGES);
-        cheaper(candidate, again)
-    }
-
     /// The candidate again, its nominal numbers put back at nominal; the better of both.
     pub fn polish(&self, candidate: Candidate) -> Candidate {
         self.again(candidate, &vec![0.0; self.bench.free.len()], &STAGES)
