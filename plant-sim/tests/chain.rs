@@ -467,7 +467,6 @@ fn a_play_is_taken_to_the_turns_between_samples() {
         let volt = |row: usize| 20.0 * (TAU * 700.0 * row as f64 * SAMPLE_S).sin();
         let command_v = (0..ROWS * finer).map(|k| volt(k / finer)).collect();
         let fine = Log { dt_s: SAMPLE_S / finer as f64, ..log(command_v, Hold::Zoh, 0.0) };
-        let fine = Log { displacement_m: vec![0.0; ROWS * finer], ..fine };
         predict(&chain, &fine, &Start::relaxed(&chain), ROWS * finer).into_iter().step_by(finer).collect()
     };
     let (plain, fine) = (seen(1), seen(50));

@@ -191,11 +191,6 @@ impl Fits<'_> {
         left < FOUND || left < NEARLY_ALL && fit.chi < AT_NOISE
     }
 
-    /// Whether more stays than the noise of what is mostly explained: a local minimum, or a form that is not quite right.
-    fn is_above(&self, fit: &Candidate) -> bool {
-        self.left(fit) < HALF && fit.chi > AT_NOISE
-    }
-
     fn is_found(&self, fit: &Candidate) -> bool {
         self.left(fit) < FOUND || fit.chi < AT_NOISE
     }
@@ -322,7 +317,7 @@ impl Fits<'_> {
 
     /// What the best fit leaves above the noise may be what a rival's form has besides.
     fn richer_kin(&self, fits: &mut Vec<Candidate>) {
-        let Some(best) = fits.first().filter(|best| self.is_above(best)) else { return };
+        let Some(best) = fits.first().filter(|best| self.left(best) < HALF && best.chi > AT_NOISE) else { return };
         let Some(richer) = self.with_richer_kin(best) else { return };
         match fits.iter().position(|fit| fit.hypothesis.ids() == richer.hypothesis.ids()) {
             Some(known) => fits[known] = better(fits[known].clone(), richer),

@@ -56,14 +56,7 @@ pub fn score_page(view: &PageView<'_>) -> Page {
         page.chart(oscr(score));
     }
     page.table("Unknowns, sets and pairs.", &["figure", "found", "95 % interval", "cases"], &rest(score));
-    if !score.numbers.outside.is_empty() {
-        let rows: Vec<Vec<String>> = score.numbers.outside.iter().take(LISTED_NUMBERS).map(number_row).collect();
-        page.table(
-            "Numbers of named effects farthest outside their 95 % interval, where the true form is one of the registry's.",
-            &["case", "effect", "number", "true", "found", "sigma", "off by"],
-            &rows,
-        );
-    }
+    numbers(&mut page, view);
     if let Some(left_out) = &score.left_out {
         show_left_out(&mut page, left_out);
     }
@@ -299,6 +292,20 @@ fn rate_row(name: &str, rate: &Rate) -> Vec<String> {
     let interval = format!("{} to {}", percent(rate.low), percent(rate.high));
     let interval = if rate.of > 0 { interval } else { "–".to_owned() };
     vec![name.to_owned(), percent(rate.share), interval, rate.of.to_string()]
+}
+
+fn numbers(page: &mut Page, view: &PageView<'_>) {
+    let outside = &view.score.numbers.outside;
+    let listed = &outside[..outside.len().min(LISTED_NUMBERS)];
+    if listed.is_empty() {
+        return;
+    }
+    page.linked_table(
+        "Numbers of named effects farthest outside their 95 % interval, where the true form is one of the registry's; a case leads to its own report.",
+        &["case", "effect", "number", "true", "found", "sigma", "off by"],
+        &listed.iter().map(number_row).collect::<Vec<_>>(),
+        &listed.iter().map(|number| (view.report)(&number.id)).collect::<Vec<_>>(),
+    );
 }
 
 fn number_row(number: &Outside) -> Vec<String> {
