@@ -165,8 +165,9 @@ pub fn publish(store: &Store, shown: &Shown<'_>) -> Result<(), Failure> {
     write(&store.path("score.json"), score_text(score, shown.provenance)?.as_bytes())?;
     let timing = timing(store, shown.ids);
     write(&store.path("timing.json"), store::json(&timing)?.as_bytes())?;
-    let worst: Vec<&str> = score.failures.iter().take(REPORTS_KEPT).map(|failure| failure.id.as_str()).collect();
-    for id in shown.ids.iter().filter(|id| !worst.contains(id)) {
+    let failures = score.failures.iter().take(REPORTS_KEPT).map(|failure| failure.id.as_str());
+    let linked: Vec<&str> = failures.chain(score.numbers.listed().iter().map(|number| number.id.as_str())).collect();
+    for id in shown.ids.iter().filter(|id| !linked.contains(id)) {
         // One that was never written, or went before, is as good as gone.
         let _ = fs::remove_file(store.case(id).join(REPORT));
     }

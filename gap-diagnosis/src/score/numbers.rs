@@ -7,6 +7,9 @@ use serde::Serialize;
 /// Half a 95 % interval in standard deviations.
 const NINETY_FIVE: f64 = 1.96;
 
+/// Numbers that a page lists.
+const LISTED: usize = 10;
+
 /// What a number of the registry's form is in the truth.
 enum Is {
     /// The same number.
@@ -75,6 +78,13 @@ pub struct Numbers {
     pub inside_ci95: Rate,
     /// Those outside, farthest first.
     pub outside: Vec<Outside>,
+}
+
+impl Numbers {
+    /// Those that a page lists.
+    pub fn listed(&self) -> &[Outside] {
+        &self.outside[..self.outside.len().min(LISTED)]
+    }
 }
 
 /// A true number outside the interval of the one that was found.

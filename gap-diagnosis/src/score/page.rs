@@ -8,9 +8,6 @@ use crate::page::{Axis, BarItem, BarList, Chart, Ink, Loop, Matrix, Page, four_d
 /// Failures that are listed.
 const LISTED: usize = 40;
 
-/// Numbers that are listed.
-const LISTED_NUMBERS: usize = 10;
-
 /// What the report shows.
 #[derive(Clone, Copy)]
 pub struct PageView<'a> {
@@ -295,8 +292,7 @@ fn rate_row(name: &str, rate: &Rate) -> Vec<String> {
 }
 
 fn numbers(page: &mut Page, view: &PageView<'_>) {
-    let outside = &view.score.numbers.outside;
-    let listed = &outside[..outside.len().min(LISTED_NUMBERS)];
+    let listed = view.score.numbers.listed();
     if listed.is_empty() {
         return;
     }

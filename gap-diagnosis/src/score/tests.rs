@@ -264,4 +264,15 @@ fn numbers_are_compared_where_the_true_form_was_fitted() {
     assert_eq!((found.inside_ci95.hits, found.inside_ci95.of), (2, 4));
     let outside: Vec<(&str, f64)> = found.outside.iter().map(|o| (o.name.as_str(), o.deviation().round())).collect();
     assert_eq!(outside, [("relative_gain", 10.0), ("play_m", -2.0)]);
+    let page = score_page(&PageView {
+        title: "Blind check",
+        subtitle: "by hand",
+        score: &score(&all, None, None),
+        report: &|id| format!("{}.html", id.split(':').next().unwrap()),
+        facts: &[],
+        warnings: &[],
+        provenance: &[],
+    });
+    // None of the cases failed, so that nothing but the numbers leads there.
+    assert!(page.to_html().contains("<a href=\"sensor_gain.html\">"));
 }
