@@ -65,7 +65,7 @@ const MOST_CHANGED: usize = 2;
 const TWIN: f64 = 1.1;
 const MOST_TWINS: usize = 2;
 /// One effect fits as well as two if the mean square is no more than this many times theirs.
-const AS_WELL: f64 = 1.01;
+pub(super) const AS_WELL: f64 = 1.01;
 /// Shows in the first tenth of the logs.
 const START: &str = "initial_state";
 /// Tried whatever its score.
@@ -168,6 +168,7 @@ impl Fits<'_> {
         pairs.sort_by(by_chi);
         let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
         for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
+            *near = self.search.led_by_others(near.clone());
             self.change_forms(near, leads, &seconds);
             if !self.is_found(near) {
                 let richer = self.with_richer_kin(near);
@@ -178,7 +179,7 @@ impl Fits<'_> {
         let mut twins = Vec::new();
         if let Some((best, lead)) = pairs.first_mut().filter(|(best, _)| self.is_found(best)) {
             twins = self.twins(best, singles, first, [leads, &seconds], lead);
-            *best = self.least(best.clone());
+            *best = self.sparest(self.least(best.clone()), leads);
         }
         let worth =
             pairs.into_iter().map(|(pair, _)| pair).filter(|pair| self.is_found(pair) || taken(pair) > PAIR_TAKES);
@@ -284,6 +285,7 @@ impl Fits<'_> {
             }
             fits.push(fit);
         }
+        fits.iter_mut().for_each(|fit| *fit = self.search.led_by_others(fit.clone()));
         // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
         // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));

@@ -4,7 +4,7 @@ use super::bench::Freedom;
 use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst, scatter_of_logs};
-use super::fits::{FOUND, Fits, PAIR_BEYOND};
+use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Search};
@@ -173,7 +173,14 @@ impl<'a> Judge<'a> {
     }
 
     fn by_fit(&self, fit: &Candidate) -> Explanation {
-        let mut explanation = Explanation::by_fit(fit, self.left(fit), self.floor);
+        // Where a fit has a part that fits as well, what it leaves less is no merit.
+        let as_good = |part: &&Candidate| {
+            part.hypothesis.installed.len() == fit.hypothesis.installed.len()
+                && part.is_part_of(fit)
+                && part.chi < AS_WELL * fit.chi
+        };
+        let left = self.fits.iter().filter(as_good).map(|part| self.left(part)).fold(self.left(fit), f64::max);
+        let mut explanation = Explanation::by_fit(fit, left, self.floor);
         explanation.judged.of_worst = left_of_worst(self.search, fit, self.refit, &[]);
         explanation
     }

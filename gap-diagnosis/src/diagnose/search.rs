@@ -23,6 +23,12 @@ const LOCKED_REFIT: f64 = 1.4;
 /// The same, and [`LOCKED_LEAST`], where the starts are what is to be found.
 const LOCKED_START: f64 = 1.05;
 
+/// A log is worse than the others if its mean square is beyond so many times that of the one in the middle, ..
+const WORSE: f64 = 1.15;
+/// .. and they lead so often, where that takes this much of the cost.
+const LED_ROUNDS: usize = 2;
+const LED_BY: f64 = 1.0;
+
 /// An effect that leaves more than this of the squares soon is not followed farther.
 pub(super) const WORTH_MORE: f64 = 0.85;
 
@@ -43,6 +49,15 @@ impl Candidate {
     /// Fraction of the gap of `refit` that this leaves, as amplitude, where `noise` is the mean square of a fit at the noise.
     pub fn left(&self, refit: &Candidate, noise: f64) -> f64 {
         ((self.chi - noise).max(0.0) / (refit.chi - noise).max(1e-12)).sqrt()
+    }
+
+    /// Whether `whole` has all numbers of the effects here, by name, and others.
+    pub fn is_part_of(&self, whole: &Candidate) -> bool {
+        let [own, all] = [self, whole].map(|fit| {
+            let axes = fit.hypothesis.installed.iter().flat_map(|installed| &installed.axes);
+            axes.map(|axis| axis.parameter.name).collect::<Vec<&str>>()
+        });
+        own.len() < all.len() && own.iter().all(|name| all.contains(name))
     }
 
     /// Rows that were fitted.
@@ -126,6 +141,36 @@ impl Search<'_> {
         let found = descend(self.bench, hypothesis, z, &LAST_STAGES, found.data_cost, self.simulations);
         let again = self.candidate(hypothesis.clone(), found);
         cheaper(candidate, again)
+    }
+
+    /// A candidate near the noise that fits one log worse than others, or the better one from where the others alone lead: a locked log bends the
+    /// numbers that they share until its start finds no way back.
+    pub fn led_by_others(&self, mut candidate: Candidate) -> Candidate {
+        for _ in 0..LED_ROUNDS {
+            let chis = self.chis(&candidate.found);
+            let middle = middle(&chis);
+            let worst = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b]));
+            let worse = worst.filter(|index| middle < LOCKED_LEAST && chis[*index] > WORSE * middle);
+            let led = worse.map(|index| self.led_without(&candidate, index));
+            let Some(led) = led.filter(|led| total(led) < total(&candidate) - LED_BY) else { break };
+            candidate = led;
+        }
+        candidate
+    }
+
+    /// A candidate from where all logs but number `index` lead, with the start of that one anew.
+    fn led_without(&self, candidate: &Candidate, index: usize) -> Candidate {
+        let (bench, hypothesis) = (self.bench, &candidate.hypothesis);
+        let own = bench.own_start(hypothesis, index)..bench.own_start(hypothesis, index) + bench.own(hypothesis);
+        let (mut records, mut of_others) = (bench.records.clone(), candidate.found.z.clone());
+        records.remove(index);
+        of_others.drain(own.clone());
+        let others = Bench::new(bench.model, records);
+        let mut z = descend(&others, hypothesis, of_others, &LAST_STAGES, f64::INFINITY, self.simulations).z;
+        z.splice(own.start..own.start, candidate.found.z[own].iter().copied());
+        settle_anew(bench, hypothesis, &mut z, index);
+        let found = descend(bench, hypothesis, z, &LAST_STAGES, candidate.found.data_cost, self.simulations);
+        self.candidate(hypothesis.clone(), found)
     }
 
     /// The nominal plant, refitted under its priors.

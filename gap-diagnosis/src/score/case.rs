@@ -142,8 +142,8 @@ pub struct Estimate {
     pub name: String,
     /// What was found, SI.
     pub value: f64,
-    /// Its standard deviation.
-    pub sigma: f64,
+    /// Its standard deviation; none where it is not known.
+    pub sigma: Option<f64>,
 }
 
 /// An experiment that splits the set.

@@ -139,14 +139,15 @@ fn compared(case: &Case) -> Vec<Outside> {
         }
         for estimate in found {
             let is = known.iter().find(|(name, _)| *name == estimate.name);
-            let Some(truth) = is.and_then(|(_, is)| is.value(&case.truth, effect)) else { continue };
+            let truth = is.and_then(|(_, is)| is.value(&case.truth, effect));
+            let Some((truth, sigma)) = truth.zip(estimate.sigma) else { continue };
             all.push(Outside {
                 id: case.id.clone(),
                 effect: effect.to_owned(),
                 name: estimate.name.clone(),
                 truth,
                 found: estimate.value,
-                sigma: estimate.sigma,
+                sigma,
             });
         }
     }

@@ -245,12 +245,16 @@ fn numbers_are_compared_where_the_true_form_was_fitted() {
             effect: effect.to_owned(),
             name: (*name).to_owned(),
             value: *value,
-            sigma: 0.1,
+            sigma: Some(0.1),
         };
         said.parameters = found.iter().map(estimate).collect();
         case(form, Truth { form: form.to_owned(), parameters, ..truth(&[effect]) }, said)
     };
+    let mut unsure = of("backlash: play", 2.0, &[("play_m", 9.0)]);
+    unsure.answer.as_mut().unwrap().parameters[0].sigma = None;
     let all = [
+        // How far off is not known.
+        unsure,
         // Twice 2 is 4, 1.9 sigma off; then 2.1.
         of("backlash: play", 2.0, &[("play_m", 4.19)]),
         of("backlash: play", 2.0, &[("play_m", 3.79)]),
@@ -264,6 +268,8 @@ fn numbers_are_compared_where_the_true_form_was_fitted() {
     assert_eq!((found.inside_ci95.hits, found.inside_ci95.of), (2, 4));
     let outside: Vec<(&str, f64)> = found.outside.iter().map(|o| (o.name.as_str(), o.deviation().round())).collect();
     assert_eq!(outside, [("relative_gain", 10.0), ("play_m", -2.0)]);
+    let unknown: Estimate = serde_json::from_str(r#"{"effect":"creep","name":"a","value":1.0,"sigma":null}"#).unwrap();
+    assert_eq!(unknown.sigma, None);
     let page = score_page(&PageView {
         title: "Blind check",
         subtitle: "by hand",

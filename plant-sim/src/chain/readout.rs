@@ -93,7 +93,7 @@ impl Readout {
         let path = || hermite(from, [displacement_m, velocity_m_per_s], sample_s);
         // How far beyond this sample's displacement the structure has turned on its way here.
         let turns = self.sensor.play_m > 0.0 && from[1] * velocity_m_per_s < 0.0;
-        let beyond_m = turns.then(|| turn(path(), velocity_m_per_s) - displacement_m);
+        let beyond_m = turns.then(|| turn(path(), velocity_m_per_s, sample_s) - displacement_m);
         let displacement_m =
             if self.creep.is_empty() && self.arms.is_empty() { displacement_m } else { self.follow(path()) };
         let mut rate_m_per_s = 0.0;
@@ -199,9 +199,34 @@ fn hermite([from, from_slope]: [f64; 2], [to, to_slope]: [f64; 2], t: f64) -> [f
     [from, from_slope, (3.0 * mean - 2.0 * from_slope - to_slope) / t, (from_slope + to_slope - 2.0 * mean) / (t * t)]
 }
 
-/// Where a cubic turns whose slope has the other sign at its end, `to_slope`, than at its start.
-fn turn([from, slope, bend, twist]: [f64; 4], to_slope: f64) -> f64 {
-    // Of the slope's two roots the one through which it goes to the sign that it has at the end.
-    let t = -slope / (bend + (bend * bend - 3.0 * twist * slope).sqrt().copysign(to_slope));
+/// Where a cubic turns whose slope has the other sign after `t_end`, `to_slope`, than at its start.
+fn turn([from, slope, bend, twist]: [f64; 4], to_slope: f64, t_end: f64) -> f64 {
+    // Of the slope's two roots the one through which it goes to the sign that it has at the end; next to nothing of either slope is lost in the bend's
+    // rounding, and the root with it.
+    let root = (bend * bend - 3.0 * twist * slope).max(0.0).sqrt();
+    let t = (-slope / (bend + root.copysign(to_slope))).clamp(0.0, t_end);
     from + t * (slope + t * (bend + t * twist))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_lies_on_the_way() {
+        // The parabola t - t^2 turns in the middle.
+        assert_eq!(turn(hermite([0.0, 1.0], [0.0, -1.0], 1.0), -1.0, 1.0), 0.25);
+        // Slopes that are nothing beside what rounding leaves of the rest: no turn lies farther than either end.
+        for small in [1e-9, 1e-17, 1e-30, 1e-300] {
+            for k in 0..1000 {
+                let large = 1.0 + 1e-3 * f64::from(k);
+                for [slope, to_slope] in [[large, -small], [-small, large], [small, -large], [-large, small]] {
+                    for to in [slope / 3.0, to_slope / 3.0, large, -large] {
+                        let turn = turn(hermite([0.0, slope], [to, to_slope], 1.0), to_slope, 1.0);
+                        assert!(turn.abs() < 2.0 * large, "{slope} to {to_slope} over {to}: {turn}");
+                    }
+                }
+            }
+        }
+    }
 }
