@@ -340,7 +340,7 @@ fn a_form_is_not_led_astray_where_a_part_of_it_leaves_less() {
 /// A log that a start has locked bends the numbers that it shares with the others, until that start finds no way back; they lead it out.
 #[test]
 fn a_locked_log_is_led_by_the_others() {
-    // Two and a half times the noise stayed, with a gain 4.5 sigma off.
+    // 1.8 times the noise's power stayed, with a gain 4.5 sigma off.
     let found = diagnosis_of_develop("diagnose-led-gain", 1_975_199_482_804_136_084, EffectId::ThermalGain);
     assert_eq!(found["effects"], serde_json::json!(["thermal_gain"]), "{}", found["ranking"]);
     for (number, truth) in [-0.15, 2.986].into_iter().enumerate() {

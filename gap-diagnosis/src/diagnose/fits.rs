@@ -285,7 +285,7 @@ impl Fits<'_> {
             }
             fits.push(fit);
         }
-        fits.iter_mut().for_each(|fit| *fit = self.search.led_by_others(fit.clone()));
+        fits = fits.into_iter().map(|fit| self.search.led_by_others(fit)).collect();
         // The finalists once more from the nominal numbers: a fit a little above the noise is usually a local minimum, and so is one that
         // bends the nominal numbers as if they were wrong besides. Then from where a payload or a gain would have put them.
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));

@@ -161,13 +161,14 @@ impl Search<'_> {
     /// A candidate from where all logs but number `index` lead, with the start of that one anew.
     fn led_without(&self, candidate: &Candidate, index: usize) -> Candidate {
         let (bench, hypothesis) = (self.bench, &candidate.hypothesis);
-        let own = bench.own_start(hypothesis, index)..bench.own_start(hypothesis, index) + bench.own(hypothesis);
+        let at = bench.own_start(hypothesis, index);
+        let own = at..at + bench.own(hypothesis);
         let (mut records, mut of_others) = (bench.records.clone(), candidate.found.z.clone());
         records.remove(index);
         of_others.drain(own.clone());
         let others = Bench::new(bench.model, records);
         let mut z = descend(&others, hypothesis, of_others, &LAST_STAGES, f64::INFINITY, self.simulations).z;
-        z.splice(own.start..own.start, candidate.found.z[own].iter().copied());
+        z.splice(at..at, candidate.found.z[own].iter().copied());
         settle_anew(bench, hypothesis, &mut z, index);
         let found = descend(bench, hypothesis, z, &LAST_STAGES, candidate.found.data_cost, self.simulations);
         self.candidate(hypothesis.clone(), found)
