@@ -258,7 +258,7 @@ struct OfLog {
 
 /// The plants' difference on the headline's rows is what will be gained; what the fitted rows leave unexplained stays, in the same
 /// proportion to what it goes with, and so does what the numbers' uncertainty makes there. A form that leaves more than noise has bent the
-/// numbers to suit these logs: of others it leaves as much as of these where they are left out. A log that no fit saw is another one: for
+/// numbers to suit these logs: of others it leaves more, as leaving out each of these tells. A log that no fit saw is another one: for
 /// the interval what stays of it is drawn log by log.
 pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, seed: u64) -> Expected {
     let mut fitted = vec![OfLog::default(); benches.fitted.records.len()];
@@ -298,7 +298,7 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
     let is_form = matches!(left.with, LeftWith::Difference);
     if is_form && sum(&fitted, |log| log.left2) > (AT_NOISE - 1.0) * sum(&fitted, |log| log.noise2) {
         let more_m2 = left.left_out_m2.into_iter().flatten();
-        fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log.left2 += log.rows * more_m2);
+        fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log.left2 = of_another(log.left2, log.rows * more_m2));
     }
     let per = |sum: f64, of: f64| if of > 0.0 { sum / of } else { 0.0 };
     let stays2 = |logs: &[OfLog]| {
@@ -329,6 +329,13 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
         shrink_percent: point,
         shrink_percent_ci95: [low.min(point), high.max(point)],
     }
+}
+
+/// Squares that a log like one of which `left2` stay would leave if it had not been fitted, where leaving it out leaves `more2`: of a log with leverage
+/// h stays 1 - h of them, and left out 1 / (1 - h), so that the mean is geometric (MacKinnon and White 1985). A log that alone shows an effect
+/// says nothing of itself where it is left out.
+fn of_another(left2: f64, more2: f64) -> f64 {
+    if left2 > 0.0 { (left2 * (left2 + more2)).sqrt() } else { left2 }
 }
 
 /// 2.5th and 97.5th percentile of the resamples.
@@ -427,7 +434,7 @@ fn shapley(values: &[f64], players: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Expected, Gap, Sums, at_best, interval, shapley};
+    use super::{Expected, Gap, Sums, at_best, interval, of_another, shapley};
 
     #[test]
     fn rows_surprise_where_more_stays_than_numbers_and_noise_explain() {
@@ -450,6 +457,16 @@ mod tests {
         };
         assert!(!gap(0.03).surprises(&expected(0.0)) && gap(0.08).surprises(&expected(0.0)));
         assert!(!gap(0.3).surprises(&expected(0.05)) && gap(0.5).surprises(&expected(0.05)));
+    }
+
+    #[test]
+    fn a_log_not_fitted_leaves_between_what_a_fitted_and_what_a_left_out_one_does() {
+        // The mean of n numbers of variance 1: leverage 1 / n.
+        for n in [2.0, 5.0, 100.0] {
+            let (fitted, left_out) = (1.0 - 1.0 / n, 1.0 / (1.0 - 1.0 / n));
+            assert!((of_another(fitted, left_out - fitted) - 1.0).abs() < 1e-12, "{n}");
+        }
+        assert_eq!((of_another(0.0, 1e3), of_another(-0.1, 1e3), of_another(2.0, 0.0)), (0.0, -0.1, 2.0));
     }
 
     #[test]

@@ -32,13 +32,17 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     // A first refit ends in a local minimum now and then, most often a little above the noise, or with numbers bent: hysterons forget
     // nothing, so that dead zones and capacitances lock one another.
     for attempt in 0..RESTARTS {
-        let (has_gap, is_bent) = (has_gap(&refit), is_bent(&refit));
-        if !(has_gap || is_bent) || refit.chi > LOCAL_MINIMUM {
+        let has_gap = has_gap(&refit);
+        if !(has_gap || is_bent(&refit)) || refit.chi > LOCAL_MINIMUM {
             break;
         }
-        // At the noise only the numbers are wrong, and first of all they are asked to come home.
-        refit =
-            if !has_gap && attempt == 0 { search.unbent(refit) } else { search.refit_elsewhere(refit, &home, attempt) };
+        // At the noise only the numbers are wrong, and first of all they are asked to come home: alone, then with starts that settle there.
+        if !has_gap && attempt == 0 {
+            refit = search.unbent(refit);
+        }
+        if has_gap || attempt > 0 || is_bent(&refit) {
+            refit = search.refit_elsewhere(refit, &home, attempt);
+        }
     }
     if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
 }
