@@ -220,7 +220,8 @@ fn settled([c0, c1, c2, c3]: [f64; 4], a: f64, b: f64) -> [f64; 4] {
     [c0 - a * c1 + 2.0 * second * c2 + 6.0 * third * c3, c1 - 2.0 * a * c2 + 6.0 * second * c3, c2 - 3.0 * a * c3, c3]
 }
 
-fn at([c0, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
+/// A cubic's value.
+pub(super) fn at([c0, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
     c0 + t * (c1 + t * (c2 + t * c3))
 }
 

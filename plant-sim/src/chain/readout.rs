@@ -2,11 +2,13 @@
 //!
 //! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
-use super::lag::LagState;
+use super::lag::{LagState, at};
 use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
 /// Contacts that share a joint whose plays are spread.
 const CONTACTS: usize = 5;
+/// How often the sample in which a play's edge is reached is halved to find when.
+const HALVINGS: usize = 40;
 
 /// The sensor's state.
 pub(super) struct Readout {
@@ -15,6 +17,8 @@ pub(super) struct Readout {
     is_affine: bool,
     sample_s: f64,
     sample: u64,
+    /// Nothing but play without drag stands before the lag.
+    lags_behind_plain_play: bool,
     /// Displacement behind each play at this sample, of as many as there are; then the mean's, and its velocity.
     contacts_m: [f64; CONTACTS],
     contacts: usize,
@@ -48,13 +52,16 @@ impl Readout {
             creeps: [1.0, element.slower_back].map(|slower| of_sample(slower * element.time_constant_s)),
             relaxed_m: 0.0,
         };
+        let contacts = if sensor.play_m > 0.0 && sensor.play_spread > 0.0 { CONTACTS } else { 1 };
+        let has_no_drag = sensor.drag_s == f64::INFINITY && parts.creep.is_empty() && parts.arms.is_empty();
         Self {
+            lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && contacts == 1 && has_no_drag,
             sensor: Sensor { lag, ..sensor.clone() },
             is_affine: sensor.is_affine(),
             sample_s,
             sample: 0,
             contacts_m: [0.0; CONTACTS],
-            contacts: if sensor.play_m > 0.0 && sensor.play_spread > 0.0 { CONTACTS } else { 1 },
+            contacts,
             behind_m: 0.0,
             behind_m_per_s: 0.0,
             lag: LagState::default(),
@@ -91,9 +98,14 @@ impl Readout {
         let (from, sample_s) = (self.structure, self.sample_s);
         self.structure = [displacement_m, velocity_m_per_s];
         let path = || hermite(from, [displacement_m, velocity_m_per_s], sample_s);
-        // How far beyond this sample's displacement the structure has turned on its way here.
         let turns = self.sensor.play_m > 0.0 && from[1] * velocity_m_per_s < 0.0;
-        let beyond_m = turns.then(|| turn(path(), velocity_m_per_s, sample_s) - displacement_m);
+        let turn_s = turns.then(|| turn_s(path(), velocity_m_per_s, sample_s));
+        if self.lags_behind_plain_play {
+            self.lag_behind_play(path(), turn_s);
+            return;
+        }
+        // How far beyond this sample's displacement the structure has turned on its way here.
+        let beyond_m = turn_s.map(|turn_s| at(path(), turn_s) - displacement_m);
         let displacement_m =
             if self.creep.is_empty() && self.arms.is_empty() { displacement_m } else { self.follow(path()) };
         let mut rate_m_per_s = 0.0;
@@ -121,6 +133,32 @@ impl Readout {
             self.lag.pass_grown(self.sensor.lag, self.sensor.lag_growth, cubic, self.sample_s);
         }
         (self.behind_m, self.behind_m_per_s) = (now_m, now_m_per_s);
+    }
+
+    /// Play without drag, and the lag behind it, while the structure goes along `path` and turns once or not at all: the play stands until its edge is
+    /// reached, and goes along until the structure turns.
+    fn lag_behind_play(&mut self, path: [f64; 4], turn_s: Option<f64>) {
+        let half_m = self.half_m(0);
+        let mut from_s = 0.0;
+        for to_s in turn_s.into_iter().chain([self.sample_s]) {
+            let stands_m = self.contacts_m[0];
+            let there_m = at(path, to_s);
+            let now_m = if there_m.is_nan() { there_m } else { stands_m.clamp(there_m - half_m, there_m + half_m) };
+            let edge_m = now_m - there_m;
+            let reached_s = if now_m == stands_m { to_s } else { reached_s(path, stands_m - edge_m, [from_s, to_s]) };
+            let Self { lag, sensor, .. } = self;
+            let mut pass = |path, duration_s| {
+                if duration_s > 0.0 {
+                    lag.pass_grown(sensor.lag, sensor.lag_growth, path, duration_s);
+                }
+            };
+            pass([stands_m, 0.0, 0.0, 0.0], reached_s - from_s);
+            let [value, slope, bend, twist] = later(path, reached_s);
+            pass([value + edge_m, slope, bend, twist], to_s - reached_s);
+            self.contacts_m[0] = now_m;
+            from_s = to_s;
+        }
+        self.behind_m = self.contacts_m[0];
     }
 
     /// Lets creep and arms follow the structure on its `path` over the sample; returns the displacement with all of them.
@@ -199,13 +237,36 @@ fn hermite([from, from_slope]: [f64; 2], [to, to_slope]: [f64; 2], t: f64) -> [f
     [from, from_slope, (3.0 * mean - 2.0 * from_slope - to_slope) / t, (from_slope + to_slope - 2.0 * mean) / (t * t)]
 }
 
-/// Where a cubic turns whose slope has the other sign after `t_end`, `to_slope`, than at its start.
-fn turn([from, slope, bend, twist]: [f64; 4], to_slope: f64, t_end: f64) -> f64 {
+/// When a cubic turns whose slope has the other sign after `t_end`, `to_slope`, than at its start.
+fn turn_s([_, slope, bend, twist]: [f64; 4], to_slope: f64, t_end: f64) -> f64 {
     // Of the slope's two roots the one through which it goes to the sign that it has at the end; next to nothing of either slope is lost in the bend's
     // rounding, and the root with it.
     let root = (bend * bend - 3.0 * twist * slope).max(0.0).sqrt();
-    let t = (-slope / (bend + root.copysign(to_slope))).clamp(0.0, t_end);
-    from + t * (slope + t * (bend + t * twist))
+    (-slope / (bend + root.copysign(to_slope))).clamp(0.0, t_end)
+}
+
+/// When a cubic that goes one way from the first of two times to the second reaches `value`, which lies before where it ends.
+fn reached_s(path: [f64; 4], value: f64, [mut before_s, mut after_s]: [f64; 2]) -> f64 {
+    let is_up = at(path, after_s) > value;
+    let is_beyond = |t: f64| (at(path, t) >= value) == is_up;
+    if is_beyond(before_s) {
+        return before_s;
+    }
+    for _ in 0..HALVINGS {
+        let middle_s = 0.5 * (before_s + after_s);
+        if is_beyond(middle_s) {
+            after_s = middle_s;
+        } else {
+            before_s = middle_s;
+        }
+    }
+    after_s
+}
+
+/// The same cubic with its time counted from `t` on.
+fn later([value, slope, bend, twist]: [f64; 4], t: f64) -> [f64; 4] {
+    let path = [value, slope, bend, twist];
+    [at(path, t), slope + t * (2.0 * bend + 3.0 * t * twist), bend + 3.0 * t * twist, twist]
 }
 
 #[cfg(test)]
@@ -215,14 +276,15 @@ mod tests {
     #[test]
     fn a_turn_lies_on_the_way() {
         // The parabola t - t^2 turns in the middle.
-        assert_eq!(turn(hermite([0.0, 1.0], [0.0, -1.0], 1.0), -1.0, 1.0), 0.25);
+        assert_eq!(turn_s(hermite([0.0, 1.0], [0.0, -1.0], 1.0), -1.0, 1.0), 0.5);
         // Slopes that are nothing beside what rounding leaves of the rest: no turn lies farther than either end.
         for small in [1e-9, 1e-17, 1e-30, 1e-300] {
             for k in 0..1000 {
                 let large = 1.0 + 1e-3 * f64::from(k);
                 for [slope, to_slope] in [[large, -small], [-small, large], [small, -large], [-large, small]] {
                     for to in [slope / 3.0, to_slope / 3.0, large, -large] {
-                        let turn = turn(hermite([0.0, slope], [to, to_slope], 1.0), to_slope, 1.0);
+                        let path = hermite([0.0, slope], [to, to_slope], 1.0);
+                        let turn = at(path, turn_s(path, to_slope, 1.0));
                         assert!(turn.abs() < 2.0 * large, "{slope} to {to_slope} over {to}: {turn}");
                     }
                 }

@@ -221,6 +221,25 @@ fn modes_and_sensors() {
 }
 
 #[test]
+fn play_and_what_lags_behind_it() {
+    let play = |lag| Chain { sensor: Sensor { play_m: 2e-6, lag, ..Sensor::IDEAL }, ..chain() };
+    let first = |time_constant_s| play(Some(Lag::First { time_constant_s }));
+    let second = Some(Lag::Second { natural_rad_per_s: 31416.0, damping_ratio: 0.4 });
+    let table = |bounds_nm: [f64; 5]| {
+        let all = [
+            ("play", play(None)),
+            ("play, lag 8 us", first(8e-6)),
+            ("play, lag 50 us", first(50e-6)),
+            ("play, lag 500 us", first(5e-4)),
+            ("play, second order 5 kHz", play(second)),
+        ];
+        all.into_iter().zip(bounds_nm).map(|((name, chain), bound_nm)| (name, chain, bound_nm)).collect()
+    };
+    check(table([0.4, 1.5, 2.5, 0.7, 2.7]), &lively());
+    check(table([EXACT_NM, 0.009, 0.016, 0.011, 0.017]), &slow_sine(10.0));
+}
+
+#[test]
 fn nothing_creeps_at_rest() {
     // The slow hysteron's leak ends within 0.1 s (22 of its time constants); smooth friction is left out: by its law it creeps.
     let power = Force::Power { force_n: 0.05, reference_m_per_s: 0.1, exponent: 2.0 };

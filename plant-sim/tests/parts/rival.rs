@@ -76,7 +76,7 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
 }
 
-const SIZE: usize = 16;
+const SIZE: usize = 17;
 type Vector = [f64; SIZE];
 const Q: usize = 0;
 const W: usize = 1;
@@ -86,9 +86,11 @@ const THETA: usize = 7;
 const SENSOR_LAG: usize = 8;
 const SLID: usize = 10;
 const MODES: usize = 12;
+const BEHIND: usize = 16;
 
 /// Readings at the start of each sample under the commands, by `steps` Runge-Kutta steps per sample; the drive's delay must be a whole
-/// number of those. Knows the heat of the drive's square only, and no play in the sensor.
+/// number of those. Knows the heat of the drive's square only, and of play that
+/// without drag.
 pub fn rival(chain: &Chain, command_v: &[f64], steps: usize) -> Vec<f64> {
     let h = SAMPLE_S / steps as f64;
     let delay = (chain.drive.delay_s / h).round() as usize;
@@ -124,6 +126,7 @@ pub fn rival(chain: &Chain, command_v: &[f64], steps: usize) -> Vec<f64> {
                 x[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
             }
             slewed_v = next_v;
+            x[BEHIND] = behind_m(chain, &x);
         }
     }
     readings_m
@@ -145,8 +148,14 @@ fn seen_m(chain: &Chain, x: &Vector) -> f64 {
     x[Q] + chain.parts.modes.iter().enumerate().map(parallel).sum::<f64>()
 }
 
+/// Where the play's other side is: it goes no farther than the play lets it, and stands as long as it can.
+fn behind_m(chain: &Chain, x: &Vector) -> f64 {
+    let (seen_m, half_m) = (seen_m(chain, x), 0.5 * chain.sensor.play_m);
+    x[BEHIND].clamp(seen_m - half_m, seen_m + half_m)
+}
+
 fn reading_m(chain: &Chain, x: &Vector, t: f64) -> f64 {
-    let seen_m = if chain.sensor.lag.is_some() { x[SENSOR_LAG] } else { seen_m(chain, x) };
+    let seen_m = if chain.sensor.lag.is_some() { x[SENSOR_LAG] } else { behind_m(chain, x) };
     let y = seen_m + chain.sensor.quadratic_per_m * seen_m.powi(2) + chain.sensor.cubic_per_m2 * seen_m.powi(3);
     let drifts = chain.sensor.drifts.iter().map(|d| {
         if d.time_constant_s.is_finite() {
@@ -280,7 +289,7 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
     }
     dx[Q] = w;
     dx[W] = force / plant.mass_kg;
-    lag_slope(chain.sensor.lag, x, SENSOR_LAG, seen_m(chain, x), &mut dx);
+    lag_slope(chain.sensor.lag, x, SENSOR_LAG, behind_m(chain, x), &mut dx);
     dx
 }
 
