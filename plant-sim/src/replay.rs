@@ -1,10 +1,12 @@
 //! Replay: the logged command through the chain, open loop, from a start that fits the log.
 
-use crate::chain::{Chain, Drive, Held, Simulator};
+mod clock;
+
+use crate::chain::{Chain, Held, Simulator};
 use crate::log::{Hold, Log};
 use crate::phs::PhsState;
 use crate::resample::{self, Resampler};
-use std::collections::VecDeque;
+use clock::{Clock, Row};
 
 /// What is assumed of the state at a log's first row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -175,15 +177,7 @@ impl<'a> Reader<'a> {
     pub fn new(chain: &Chain, log: &'a Log, start: &Start) -> Self {
         let player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
         let ahead = 1 + player.look_ahead();
-        let (ratio, drift_per_s) = (chain.sensor.clock_ratio, chain.sensor.clock_drift_per_s);
-        let half_drift = 0.5 * drift_per_s * log.dt_s;
-        let clock = (ratio != 0.0 || half_drift != 0.0).then(|| Clock {
-            ratio,
-            half_drift,
-            known_m: VecDeque::new(),
-            taken: 0,
-            kinks: Kinks::of(chain, log, start),
-        });
+        let clock = Clock::of(chain, log, start);
         Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0.0) }
     }
 
@@ -196,8 +190,9 @@ impl<'a> Reader<'a> {
             (simulator.drive_v(), simulator.motion(), simulator.before_reading());
         let Some(mut clock) = self.clock.take() else { return self.step(row) };
         while clock.lacks(row) {
-            let reading_m = self.step(clock.taken);
-            clock.take(reading_m);
+            let (displacement_m, velocity_m_per_s) = self.player.simulator.motion();
+            let reading_m = self.step(clock.taken());
+            clock.take(Row { reading_m, displacement_m, velocity_m_per_s });
         }
         let reading_m = clock.read_m(row, &self.log.command_v);
         self.clock = Some(clock);
@@ -209,141 +204,5 @@ impl<'a> Reader<'a> {
         let k = row.min(n_rows - 1);
         let force_n = self.log.force_n.as_ref().map_or(0.0, |f| f[k]);
         self.player.step(&self.log.command_v[k..(k + self.ahead).min(n_rows)], force_n)
-    }
-}
-
-/// Readings that an interpolation goes through.
-const NODES: usize = 4;
-
-/// Readings at another clock's instants: row k of a log is read at k (1 + ratio + half_drift k) samples of the drive's clock.
-struct Clock {
-    ratio: f64,
-    /// Half the change of the ratio from one sample to the next.
-    half_drift: f64,
-    /// The last readings at the drive's instants.
-    known_m: VecDeque<f64>,
-    /// Readings taken in all.
-    taken: usize,
-    kinks: Option<Kinks>,
-}
-
-impl Clock {
-    /// The instant of row `k` in samples of the drive's clock.
-    fn instant(&self, k: usize) -> f64 {
-        let k = k as f64;
-        (k * (1.0 + self.ratio + self.half_drift * k)).max(0.0)
-    }
-
-    /// Whether the two readings after row `k`'s instant are still to come.
-    fn lacks(&self, k: usize) -> bool {
-        (self.taken as f64) < self.instant(k).floor() + 3.0
-    }
-
-    fn take(&mut self, reading_m: f64) {
-        self.known_m.push_back(reading_m);
-        self.taken += 1;
-        if self.known_m.len() > NODES {
-            self.known_m.pop_front();
-        }
-    }
-
-    /// Cubic through the four readings around row `k`'s instant, less what the edges of `command_v` bend between them.
-    fn read_m(&self, k: usize, command_v: &[f64]) -> f64 {
-        let first = self.taken - self.known_m.len();
-        let at = self.instant(k) - first as f64;
-        let nodes = self.known_m.len();
-        let weight = |i: usize| -> f64 {
-            (0..nodes).filter(|&j| j != i).map(|j| (at - j as f64) / (i as f64 - j as f64)).product()
-        };
-        let kinks_m = |rows: f64| self.kinks.as_ref().map_or(0.0, |kinks| kinks.displacement_m(command_v, first, rows));
-        let smooth = |(i, reading_m): (usize, &f64)| weight(i) * (reading_m - kinks_m(i as f64));
-        self.known_m.iter().enumerate().map(smooth).sum::<f64>() + kinks_m(at)
-    }
-}
-
-/// The edges of a held command in the displacement: each is a jump of the acceleration by alpha / m times its volts, which no polynomial
-/// through readings around it follows. What the structure makes of it, hysterons closed, is taken out before and put back after; what hysterons
-/// do besides is slower.
-struct Kinks {
-    drive: Drive,
-    /// Reading's acceleration for a volt, m/s^2.
-    per_volt_m_per_s2: f64,
-    /// Damping over mass, 1/s, and stiffness over mass, 1/s^2.
-    damping_per_s: f64,
-    stiffness_per_s2: f64,
-    sample_s: f64,
-    /// From a row's instant to the edge of its command, in samples.
-    late: f64,
-    /// Response to a unit jump, s^2, at the first row's instant after it and those that follow.
-    at_rows_s2: [f64; NODES],
-    /// Command before the first.
-    before_v: f64,
-}
-
-impl Kinks {
-    /// Those of `log`; none where the edges are lines or are rounded before they reach the reading.
-    fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
-        let Chain { drive, plant, parts, sensor } = chain;
-        let is_sharp = log.meta.hold == Hold::Zoh
-            && !drive.has_memory()
-            && drive.warming.is_none()
-            && drive.swings.is_empty()
-            && parts.transducer.is_none()
-            && sensor.lag.is_none();
-        if !is_sharp {
-            return None;
-        }
-        let alpha = plant.transduction_c_per_m;
-        let closed: f64 = plant.hysterons.iter().map(|hysteron| alpha * alpha / hysteron.capacitance_f).sum();
-        let mut kinks = Self {
-            drive: drive.clone(),
-            per_volt_m_per_s2: sensor.gain * alpha / plant.mass_kg,
-            damping_per_s: plant.damping_n_s_per_m / plant.mass_kg,
-            stiffness_per_s2: (plant.stiffness_n_per_m + closed) / plant.mass_kg,
-            sample_s: log.dt_s,
-            late: (log.meta.latency_s + drive.delay_s) / log.dt_s,
-            at_rows_s2: [0.0; NODES],
-            before_v: start.drive_v,
-        };
-        for row in 0..NODES {
-            kinks.at_rows_s2[row] = kinks.response_s2(row as f64 + 1.0 - kinks.late.fract());
-        }
-        Some(kinks)
-    }
-
-    /// What a unit jump of the acceleration has moved `rows` after it: y'' + c y' + w y = 1 from rest, s^2.
-    fn response_s2(&self, rows: f64) -> f64 {
-        let (t, half, w) = (rows * self.sample_s, 0.5 * self.damping_per_s, self.stiffness_per_s2);
-        let turning2 = w - half * half;
-        let turning = turning2.abs().sqrt().max(1e-3 * half);
-        let (cos, sin) = if turning2 > 0.0 {
-            let left = (-half * t).exp();
-            (left * (turning * t).cos(), left * (turning * t).sin())
-        } else {
-            // Not as cosh and sinh, which overflow where the samples are long.
-            let [slow, fast] = [half - turning, half + turning].map(|rate_per_s| (-rate_per_s * t).exp());
-            (0.5 * (slow + fast), 0.5 * (slow - fast))
-        };
-        (1.0 - (cos + half / turning * sin)) / w
-    }
-
-    /// What the edges after row `first` have moved the reading by, `rows` later.
-    fn displacement_m(&self, command_v: &[f64], first: usize, rows: f64) -> f64 {
-        let since = first as f64 - self.late;
-        let from = since.floor().max(-1.0) as isize + 1;
-        let edges = (from..)
-            .map(|j| (j as usize, rows - (j as f64 - since)))
-            .take_while(|(j, after)| *after > 0.0 && *j < command_v.len());
-        let moved = |(j, after): (usize, f64)| {
-            let before_v = if j == 0 { self.before_v } else { command_v[j - 1] };
-            let jump_v = self.drive.output_v(command_v[j]) - self.drive.output_v(before_v);
-            let response_s2 = if rows.fract() == 0.0 {
-                self.at_rows_s2[(after + self.late.fract()).round() as usize - 1]
-            } else {
-                self.response_s2(after)
-            };
-            self.per_volt_m_per_s2 * jump_v * response_s2
-        };
-        edges.map(moved).sum()
     }
 }

@@ -1,0 +1,198 @@
+//! Readings at the instants of a clock that is not the drive's.
+
+use crate::chain::{Chain, Drive, Sensor};
+use crate::log::{Hold, Log};
+use crate::replay::Start;
+use std::collections::VecDeque;
+
+/// Rows around an instant that an interpolation goes through.
+const NODES: usize = 4;
+
+/// Readings at another clock's instants: row k of a log is read at k (1 + ratio + half_drift k) samples of the drive's clock.
+pub(super) struct Clock {
+    ratio: f64,
+    /// Half the change of the ratio from one sample to the next.
+    half_drift: f64,
+    /// The last rows at the drive's instants.
+    known: VecDeque<Row>,
+    /// Rows taken in all.
+    taken: usize,
+    /// Where the sensor reads the structure at once.
+    structure: Option<Structure>,
+}
+
+/// What a row at the drive's instants has shown.
+pub(super) struct Row {
+    /// Reading, metres.
+    pub reading_m: f64,
+    /// Displacement and velocity of the structure.
+    pub displacement_m: f64,
+    /// See `displacement_m`.
+    pub velocity_m_per_s: f64,
+}
+
+impl Clock {
+    /// That of the sensor in `chain`, which reads `log` from `start`; none where it is the drive's.
+    pub fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
+        let ratio = chain.sensor.clock_ratio;
+        let half_drift = 0.5 * chain.sensor.clock_drift_per_s * log.dt_s;
+        (ratio != 0.0 || half_drift != 0.0).then(|| Self {
+            ratio,
+            half_drift,
+            known: VecDeque::new(),
+            taken: 0,
+            structure: Structure::of(chain, log, start),
+        })
+    }
+
+    /// Rows taken so far.
+    pub fn taken(&self) -> usize {
+        self.taken
+    }
+
+    /// The instant of row `k` in samples of the drive's clock.
+    fn instant(&self, k: usize) -> f64 {
+        let k = k as f64;
+        (k * (1.0 + self.ratio + self.half_drift * k)).max(0.0)
+    }
+
+    /// Whether the two rows after row `k`'s instant are still to come.
+    pub fn lacks(&self, k: usize) -> bool {
+        (self.taken as f64) < self.instant(k).floor() + 3.0
+    }
+
+    /// The next row at the drive's instants.
+    pub fn take(&mut self, row: Row) {
+        self.known.push_back(row);
+        self.taken += 1;
+        if self.known.len() > NODES {
+            self.known.pop_front();
+        }
+    }
+
+    /// Reading at row `k`'s instant: of where the structure is on its way between the rows around under `command_v`, or else on the cubic through
+    /// four readings.
+    pub fn read_m(&self, k: usize, command_v: &[f64]) -> f64 {
+        let (first, instant) = (self.taken - self.known.len(), self.instant(k));
+        let (before, nodes) = (instant.floor() as usize, self.known.len());
+        if let Some(structure) = &self.structure {
+            let [from, to] = [0, 1].map(|later| &self.known[before + later - first]);
+            let displacement_m = structure.between_m(from, to, instant.fract(), before, command_v);
+            return structure.sensor.predictable_m(displacement_m, instant * structure.sample_s);
+        }
+        let at = instant - first as f64;
+        let weight = |i: usize| -> f64 {
+            (0..nodes).filter(|&j| j != i).map(|j| (at - j as f64) / (i as f64 - j as f64)).product()
+        };
+        self.known.iter().enumerate().map(|(i, row)| weight(i) * row.reading_m).sum()
+    }
+}
+
+/// The structure's way from one row to the next: that of a mass on damper and spring, hysterons closed, under a constant acceleration and the jump
+/// of it where the command has an edge, such that it starts as the structure does and ends where that does; and on top the cubic that makes
+/// up for the velocity at the end. What hysterons do in one sample, and other parts, is all that is left to the cubic.
+struct Structure {
+    sensor: Sensor,
+    /// What steps the drive, if edges are sharp when they arrive, with the acceleration for a volt, m/s^2.
+    edges: Option<(Drive, f64)>,
+    /// Damping over mass, 1/s, and stiffness over mass, 1/s^2.
+    damping_per_s: f64,
+    stiffness_per_s2: f64,
+    sample_s: f64,
+    /// From a row's instant to the edge of its command, in whole samples and seconds.
+    late: (usize, f64),
+    /// Response over a sample, and from an edge to the sample's end.
+    whole: Response,
+    after_edge: Response,
+    /// Command before the first.
+    before_v: f64,
+}
+
+/// What one unit of acceleration has made of displacement, s^2, and velocity, s, from rest.
+struct Response {
+    displacement_s2: f64,
+    velocity_s: f64,
+}
+
+impl Structure {
+    /// That of `chain`; none where the sensor sees something else, or the structure later.
+    fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
+        let Chain { drive, plant, parts, sensor } = chain;
+        let is_seen_at_once = sensor.lag.is_none() && sensor.play_m == 0.0;
+        let is_all =
+            parts.modes.is_empty() && parts.arms.is_empty() && parts.creep.is_empty() && parts.linear.is_none();
+        if !(is_seen_at_once && is_all) {
+            return None;
+        }
+        let is_sharp = log.meta.hold == Hold::Zoh
+            && !drive.has_memory()
+            && drive.warming.is_none()
+            && drive.swings.is_empty()
+            && parts.transducer.is_none();
+        let alpha = plant.transduction_c_per_m;
+        let closed: f64 = plant.hysterons.iter().map(|hysteron| alpha * alpha / hysteron.capacitance_f).sum();
+        let late = (log.meta.latency_s + drive.delay_s) / log.dt_s;
+        let none = || Response { displacement_s2: 0.0, velocity_s: 0.0 };
+        let mut structure = Self {
+            sensor: sensor.clone(),
+            edges: is_sharp.then(|| (drive.clone(), alpha / plant.mass_kg)),
+            damping_per_s: plant.damping_n_s_per_m / plant.mass_kg,
+            stiffness_per_s2: (plant.stiffness_n_per_m + closed) / plant.mass_kg,
+            sample_s: log.dt_s,
+            late: (late.floor() as usize, late.fract() * log.dt_s),
+            whole: none(),
+            after_edge: none(),
+            before_v: start.drive_v,
+        };
+        structure.whole = structure.response(structure.sample_s);
+        structure.after_edge = structure.response(structure.sample_s - structure.late.1);
+        Some(structure)
+    }
+
+    /// y'' + c y' + w y = 1 from rest, after `t` seconds.
+    fn response(&self, t: f64) -> Response {
+        let (half, w) = (0.5 * self.damping_per_s, self.stiffness_per_s2);
+        let turning2 = w - half * half;
+        let turning = turning2.abs().sqrt().max(1e-3 * half);
+        let (cos, sin) = if turning2 > 0.0 {
+            let left = (-half * t).exp();
+            (left * (turning * t).cos(), left * (turning * t).sin())
+        } else {
+            // Not as cosh and sinh, which overflow where the samples are long.
+            let [slow, fast] = [half - turning, half + turning].map(|rate_per_s| (-rate_per_s * t).exp());
+            (0.5 * (slow + fast), 0.5 * (slow - fast))
+        };
+        Response { displacement_s2: (1.0 - (cos + half / turning * sin)) / w, velocity_s: sin / turning }
+    }
+
+    /// By how much the acceleration jumps on the way from row `before` to the next, m/s^2.
+    fn jump_m_per_s2(&self, before: usize, command_v: &[f64]) -> f64 {
+        let Some((drive, per_volt)) = &self.edges else { return 0.0 };
+        let edge = before.checked_sub(self.late.0).filter(|edge| *edge < command_v.len());
+        edge.map_or(0.0, |edge| {
+            let last_v = if edge == 0 { self.before_v } else { command_v[edge - 1] };
+            per_volt * (drive.output_v(command_v[edge]) - drive.output_v(last_v))
+        })
+    }
+
+    /// Displacement at a `share` of the sample between rows `from` and `to`, of which `before` is the first's number.
+    fn between_m(&self, from: &Row, to: &Row, share: f64, before: usize, command_v: &[f64]) -> f64 {
+        let Row { displacement_m, velocity_m_per_s, .. } = from;
+        let (t, jump) = (share * self.sample_s, self.jump_m_per_s2(before, command_v));
+        let end = &self.whole;
+        let moved = velocity_m_per_s * end.velocity_s + jump * self.after_edge.displacement_s2;
+        let constant = (to.displacement_m - displacement_m - moved) / end.displacement_s2;
+        let slowed = 1.0 - self.damping_per_s * end.velocity_s - self.stiffness_per_s2 * end.displacement_s2;
+        let ends_m_per_s = velocity_m_per_s * slowed + constant * end.velocity_s + jump * self.after_edge.velocity_s;
+        let missed = to.velocity_m_per_s - ends_m_per_s;
+        let now = self.response(t);
+        let after_edge_s = t - self.late.1;
+        let jumped =
+            if jump != 0.0 && after_edge_s > 0.0 { jump * self.response(after_edge_s).displacement_s2 } else { 0.0 };
+        displacement_m
+            + velocity_m_per_s * now.velocity_s
+            + constant * now.displacement_s2
+            + jumped
+            + share * share * (share - 1.0) * self.sample_s * missed
+    }
+}
