@@ -17,6 +17,8 @@ pub(super) const RESOLVED: f64 = 20.0;
 const MUCH_BETTER: f64 = 0.7;
 /// A fit near the noise is at it, but not where that takes less than this of the gap's power away.
 const MOST_OF_NOISE: f64 = 0.3;
+/// Power that a fit may leave beyond the best one's for its rest to scatter like that one's, as amplitude, in shares of what that leaves.
+const HARDLY_MORE: f64 = 0.2;
 /// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
 const NO_UNKNOWN: f64 = 0.007;
@@ -101,7 +103,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
     let scatter = judge.by_scatter(&scattered, &refit);
     explanations.extend(scatter.iter().cloned());
-    explanations.extend(judge.by_scatter_beside_the_best());
+    explanations.extend(judge.by_scatter_beside_fits());
     judge.by_directions(&mut explanations, scatter);
     let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
@@ -189,19 +191,24 @@ impl<'a> Judge<'a> {
         by_scatter(scattered, fit, self.floor, self.without, self.best_share, self.has_lines)
     }
 
-    /// What the best fit leaves may scatter as well.
-    fn by_scatter_beside_the_best(&self) -> Vec<Explanation> {
+    /// What fits leave may scatter as well: the best one, and those that leave hardly more. Scatter explains none of what they leave beyond it.
+    fn by_scatter_beside_fits(&self) -> Vec<Explanation> {
         let Some(best) = self.best.filter(|best| self.left(best) > PAIR_BEYOND) else { return Vec::new() };
         let bench = self.search.bench;
-        let remainders = self.search.play(best);
-        let mut explanations = self.by_scatter(&scattered(bench, &remainders, false), best);
-        for explanation in &mut explanations {
-            explanation.judged.left *= self.left(best);
-            // Scatter explains no log that the fit beside it misses by more.
-            let scatter_m2 = scatter_of_logs(explanation, bench, &remainders);
-            explanation.judged.of_worst = left_of_worst(self.search, best, self.refit, &scatter_m2);
-        }
-        explanations
+        let gap = (self.refit.chi - self.noise).max(1e-12);
+        let beyond = |fit: &Candidate| ((fit.chi - best.chi) / gap).max(0.0).sqrt();
+        let of_fit = |fit: &Candidate| {
+            let remainders = self.search.play(fit);
+            let mut explanations = self.by_scatter(&scattered(bench, &remainders, false), fit);
+            for explanation in &mut explanations {
+                explanation.judged.left = (explanation.judged.left * self.left(fit)).hypot(beyond(fit));
+                // Scatter explains no log that the fit beside it misses by more.
+                let scatter_m2 = scatter_of_logs(explanation, bench, &remainders);
+                explanation.judged.of_worst = left_of_worst(self.search, fit, self.refit, &scatter_m2);
+            }
+            explanations
+        };
+        self.fits.iter().filter(|fit| beyond(fit) < HARDLY_MORE * self.left(best)).flat_map(of_fit).collect()
     }
 
     /// Adds what the nominal numbers imitate: beside `scatter` of the refit, beside fits, and alone. Where they are sure, those without them pay.
