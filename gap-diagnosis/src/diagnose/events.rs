@@ -26,8 +26,7 @@ const BLOCK: usize = 4096;
 const PASSES: usize = 3;
 /// From the median of a normal's magnitude to its sigma.
 const TO_SIGMA: f64 = 1.4826;
-/// The rows that were lost stepped no less and no more than others whose loss would show: their mean rank among those is a half, this much or
-/// so many sigma of it more or less. What sticks stays where steps are small.
+/// The rows that were lost are any of those whose loss would show: their mean rank among these is a half, this much or so many sigma of it more or less.
 const RANK_WITHIN: f64 = 0.12;
 const RANK_SIGMAS: f64 = 3.0;
 /// Fewer stretches than this are chance, ..
@@ -193,17 +192,35 @@ fn judged(lost: Lost, walks: Vec<Walked>) -> Option<Losses> {
     })
 }
 
-/// Whether the rows that begin a stretch are any rows of those whose loss would show.
+/// Whether the rows that begin a stretch are any rows of those whose loss would show: by how much they step, by where the plant is driven to, and by
+/// how far from the middle that is. What sticks stays where steps are small, and what lets go where the drive pulls.
 fn is_anywhere(walks: &[Walked]) -> bool {
-    let mut visible: Vec<f64> = walks.iter().flat_map(|walk| walk.visible.iter().map(|(_, step)| *step)).collect();
-    visible.sort_by(f64::total_cmp);
-    let begins = |walk: &Walked, row: usize| walk.is_lost[row] && !walk.is_lost[row - 1];
-    let steps = walks.iter().flat_map(|walk| walk.visible.iter().filter(|(row, _)| begins(walk, *row)));
-    let ranks: Vec<f64> =
-        steps.map(|(_, step)| visible.partition_point(|other| other < step) as f64 / visible.len() as f64).collect();
-    let mean = ranks.iter().sum::<f64>() / ranks.len().max(1) as f64;
-    let sigma = (12.0 * ranks.len().max(1) as f64).sqrt().recip();
-    (mean - 0.5).abs() < RANK_WITHIN.max(RANK_SIGMAS * sigma)
+    let measures: [fn(&Visible) -> f64; 3] = [|row| row.step, |row| row.level, |row| row.level.abs()];
+    measures.into_iter().all(|measure| {
+        let mut visible: Vec<f64> = walks.iter().flat_map(|walk| walk.visible.iter().map(measure)).collect();
+        visible.sort_by(f64::total_cmp);
+        let begins = |walk: &Walked, row: usize| walk.is_lost[row] && !walk.is_lost[row - 1];
+        let lost = walks.iter().flat_map(|walk| walk.visible.iter().filter(|visible| begins(walk, visible.row)));
+        // Of equals the one in the middle: levels of stairs are few.
+        let rank = |value: f64| {
+            let [below, upto] =
+                [visible.partition_point(|other| *other < value), visible.partition_point(|other| *other <= value)];
+            0.5 * (below + upto) as f64 / visible.len() as f64
+        };
+        let ranks: Vec<f64> = lost.map(|row| rank(measure(row))).collect();
+        let mean = ranks.iter().sum::<f64>() / ranks.len().max(1) as f64;
+        let sigma = (12.0 * ranks.len().max(1) as f64).sqrt().recip();
+        (mean - 0.5).abs() < RANK_WITHIN.max(RANK_SIGMAS * sigma)
+    })
+}
+
+/// A row whose loss would have shown.
+struct Visible {
+    row: usize,
+    /// How far what it should have is from that of the row before.
+    step: f64,
+    /// What it should have, from the log's mean on.
+    level: f64,
 }
 
 /// A search of one log.
@@ -226,8 +243,8 @@ struct Walk {
     noise2: f64,
     /// Height of each stretch that was found, as a share of what it would be.
     shares: Vec<f64>,
-    /// Rows whose loss would have shown, and how far what they should have is from that of the row before.
-    visible: Vec<(usize, f64)>,
+    /// Rows whose loss would have shown.
+    visible: Vec<Visible>,
     taken_m2: f64,
 }
 
@@ -240,7 +257,7 @@ struct Walked {
     /// See [`Walk`].
     shares: Vec<f64>,
     /// See [`Walk`].
-    visible: Vec<(usize, f64)>,
+    visible: Vec<Visible>,
     /// See [`Walk`].
     taken_m2: f64,
 }
@@ -311,6 +328,7 @@ impl Walk {
     fn searched(mut self) -> Walked {
         let rows = self.given.len();
         let before_m2 = self.power_m2();
+        let mean = self.given.iter().sum::<f64>() / rows.max(1) as f64;
         for _ in 0..PASSES {
             let found = self.shares.len();
             let scatter_m = TO_SIGMA * median_magnitude(self.left_m.clone());
@@ -319,8 +337,12 @@ impl Walk {
                 self.search_block(from..(from + BLOCK).min(rows), unit2);
             }
             let alone = |k: usize| (self.shown(k, k) - self.given[k]).powi(2) * self.products_m2[0];
-            let step = |k: usize| (k, (self.given[k] - self.given[k - 1]).abs());
-            self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(step).collect();
+            let visible = |row: usize| Visible {
+                row,
+                step: (self.given[row] - self.given[row - 1]).abs(),
+                level: self.given[row] - mean,
+            };
+            self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(visible).collect();
             if self.shares.len() == found {
                 break;
             }
