@@ -14,7 +14,7 @@ use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::log::{Hold, Log};
 
 /// Most commands that are lost in a row.
-const IN_A_ROW: usize = 6;
+const IN_A_ROW: usize = 16;
 /// A stretch counts if the prediction with it is better by this chi-square: eight sigma, because there are many rows.
 const CERTAIN: f64 = 64.0;
 /// A pulse's echo ends where it stays below this share of its peak, or after so many rows.
