@@ -7,7 +7,8 @@ use super::refit::AT_NOISE;
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
-use plant_sim::effects::{Form, Kind, find};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, find};
+use std::f64::consts::TAU;
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
 const LEAST_SHARE: f64 = 0.3;
@@ -23,6 +24,8 @@ const FAR_BEHIND: f64 = 6.0;
 const MOST_FITS: usize = 5;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
+/// Damping ratio that a lag of second order is tried with: flat to its corner.
+const DAMPING: f64 = 0.7;
 /// An entry whose fit leaves more than this is tried in its other forms as well.
 const WELL: f64 = 0.01;
 /// .. if the screening promised this share of the same from them; so many at most.
@@ -307,6 +310,7 @@ impl Fits<'_> {
             }
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        self.lags_as_long(&mut fits);
         // Where a start is off, numbers in the place of another's take for themselves what the start did.
         if start.is_none() {
             self.richer_kin(&mut fits);
@@ -315,6 +319,52 @@ impl Fits<'_> {
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
         fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect()
+    }
+
+    /// A lag may be another one, or of another order: beside numbers that a refit has bent the screening says little of either. Plain lags are fitted
+    /// from where the best one ended, as long as that is, but those that leave as little already.
+    fn lags_as_long(&self, fits: &mut Vec<Candidate>) {
+        let Some(best) = fits.first().filter(|best| self.left(best) < HALF).cloned() else { return };
+        let bench = self.search.bench;
+        let (Some(own), Some(values)) =
+            (best.hypothesis.installed.last(), bench.means(&best.hypothesis, &best.found.z).pop())
+        else {
+            return;
+        };
+        let of = |name: &str| own.axes.iter().position(|axis| axis.parameter.name == name).map(|at| values[at]);
+        let of_second_order = || Some(2.0 * of("damping_ratio")? / (TAU * of("natural_hz")?));
+        let length_s = of("delay_s").or_else(|| of("time_constant_s")).or_else(of_second_order);
+        let Some(length_s) = length_s.filter(|_| LAGS.contains(&own.effect.id())) else { return };
+        let begins = |parameter: &Parameter| {
+            let value = match parameter.name {
+                "delay_s" | "time_constant_s" => length_s,
+                "natural_hz" => 2.0 * DAMPING / (TAU * length_s),
+                "damping_ratio" => DAMPING,
+                _ => return None,
+            };
+            Some(value.clamp(parameter.bounds[0], parameter.bounds[1]))
+        };
+        let is_as_good = |fit: &Candidate| (fit.chi - best.chi) * (best.rows() as f64) < RESOLVED;
+        let is_done = |id: &str| match fits.iter().find(|fit| fit.hypothesis.ids() == [id]) {
+            _ if self.without.contains(&id) => true,
+            Some(fit) => is_as_good(fit) && (id != own.effect.id() || fit.chi < AT_NOISE),
+            None => false,
+        };
+        let effects: Vec<&dyn Effect> = LAGS.iter().filter(|id| !is_done(id)).filter_map(|id| find(id)).collect();
+        let forms = effects.into_iter().flat_map(|effect| effect.forms().iter().map(move |form| (effect, form)));
+        let is_other = |(effect, form): &(&dyn Effect, &Form)| {
+            form.kind == Kind::Predictable && (effect.id(), form.name) != (own.effect.id(), own.form.name)
+        };
+        for (effect, form) in forms.filter(is_other) {
+            let values: Option<Vec<f64>> = (form.parameters)(&bench.scales()).iter().map(begins).collect();
+            let fit = values.and_then(|values| self.search.instead(&best, own.effect.id(), (effect, form), &values));
+            match (fit, fits.iter().position(|fit| fit.hypothesis.ids() == [effect.id()])) {
+                (Some(fit), Some(known)) => fits[known] = better(fits[known].clone(), fit),
+                (Some(fit), None) => fits.push(fit),
+                (None, _) => {}
+            }
+        }
+        fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
     }
 
     /// What the best fit leaves above the noise may be what a rival's form has besides.
@@ -409,7 +459,9 @@ impl Fits<'_> {
         let mut tried = sparer.into_iter().take(MOST_OTHERS);
         let as_well = tried.find_map(|lead| {
             let changed = self.search.in_form(&fit, lead.effect, lead.form, &lead.values)?;
-            (changed.chi < AS_WELL * fit.chi).then_some(changed)
+            let lost = (changed.chi - fit.chi) * fit.rows() as f64;
+            let is_as_well = changed.chi < AS_WELL * fit.chi && lost < RESOLVED * (numbers - self.numbers(lead)) as f64;
+            is_as_well.then_some(changed)
         });
         as_well.unwrap_or(fit)
     }
