@@ -459,9 +459,7 @@ impl Fits<'_> {
         let mut tried = sparer.into_iter().take(MOST_OTHERS);
         let as_well = tried.find_map(|lead| {
             let changed = self.search.in_form(&fit, lead.effect, lead.form, &lead.values)?;
-            let lost = (changed.chi - fit.chi) * fit.rows() as f64;
-            let is_as_well = changed.chi < AS_WELL * fit.chi && lost < RESOLVED * (numbers - self.numbers(lead)) as f64;
-            is_as_well.then_some(changed)
+            (changed.chi < AS_WELL * fit.chi).then_some(changed)
         });
         as_well.unwrap_or(fit)
     }
