@@ -713,6 +713,14 @@ fn a_clock_that_drifts_reads_at_its_own_instants() {
 }
 
 #[test]
+fn a_clock_that_runs_back_still_reads() {
+    // From row 50 on each instant lies before the last.
+    let chain = Chain { sensor: Sensor { clock_drift_per_s: -1.0 / (50.0 * SAMPLE_S), ..Sensor::IDEAL }, ..chain() };
+    let log = log((0..ROWS).map(wave).collect(), Hold::Zoh, 0.0);
+    assert!(predict(&chain, &log, &Start::relaxed(&chain), ROWS).iter().all(|reading_m| reading_m.abs() < 1.0));
+}
+
+#[test]
 fn readings_between_samples_know_of_the_edges_of_a_held_command() {
     // A step of 40 V every 12 rows, read by a clock that is a thousandth slow, and the same drive in samples of a fiftieth.
     const FINE: usize = 50;

@@ -76,7 +76,8 @@ impl Clock {
         let (first, instant) = (self.taken - self.known.len(), self.instant(k));
         let (before, nodes) = (instant.floor() as usize, self.known.len());
         if let Some(structure) = &self.structure {
-            let [from, to] = [0, 1].map(|later| &self.known[before + later - first]);
+            // A clock that runs back asks for rows that are gone.
+            let [from, to] = [before, before + 1].map(|row| &self.known[row.saturating_sub(first)]);
             let displacement_m = structure.between_m(from, to, instant.fract(), before, command_v);
             return structure.sensor.predictable_m(displacement_m, instant * structure.sample_s);
         }
@@ -96,8 +97,7 @@ struct Structure {
     /// What steps the drive, if edges are sharp when they arrive, with the acceleration for a volt, m/s^2.
     edges: Option<(Drive, f64)>,
     /// Damping over mass, 1/s, and stiffness over mass, 1/s^2.
-    damping_per_s: f64,
-    stiffness_per_s2: f64,
+    rates: [f64; 2],
     sample_s: f64,
     /// From a row's instant to the edge of its command, in whole samples and seconds.
     late: (usize, f64),
@@ -112,6 +112,24 @@ struct Structure {
 struct Response {
     displacement_s2: f64,
     velocity_s: f64,
+}
+
+impl Response {
+    /// y'' + c y' + w y = 1 from rest, after `t` seconds.
+    fn after(t: f64, [c, w]: [f64; 2]) -> Self {
+        let half = 0.5 * c;
+        let turning2 = w - half * half;
+        let turning = turning2.abs().sqrt().max(1e-3 * half);
+        let (cos, sin) = if turning2 > 0.0 {
+            let left = (-half * t).exp();
+            (left * (turning * t).cos(), left * (turning * t).sin())
+        } else {
+            // Not as cosh and sinh, which overflow where the samples are long.
+            let [slow, fast] = [half - turning, half + turning].map(|rate_per_s| (-rate_per_s * t).exp());
+            (0.5 * (slow + fast), 0.5 * (slow - fast))
+        };
+        Self { displacement_s2: (1.0 - (cos + half / turning * sin)) / w, velocity_s: sin / turning }
+    }
 }
 
 impl Structure {
@@ -132,37 +150,18 @@ impl Structure {
         let alpha = plant.transduction_c_per_m;
         let closed: f64 = plant.hysterons.iter().map(|hysteron| alpha * alpha / hysteron.capacitance_f).sum();
         let late = (log.meta.latency_s + drive.delay_s) / log.dt_s;
-        let none = || Response { displacement_s2: 0.0, velocity_s: 0.0 };
-        let mut structure = Self {
+        let rates = [plant.damping_n_s_per_m / plant.mass_kg, (plant.stiffness_n_per_m + closed) / plant.mass_kg];
+        let late_s = late.fract() * log.dt_s;
+        Some(Self {
             sensor: sensor.clone(),
             edges: is_sharp.then(|| (drive.clone(), alpha / plant.mass_kg)),
-            damping_per_s: plant.damping_n_s_per_m / plant.mass_kg,
-            stiffness_per_s2: (plant.stiffness_n_per_m + closed) / plant.mass_kg,
+            rates,
             sample_s: log.dt_s,
-            late: (late.floor() as usize, late.fract() * log.dt_s),
-            whole: none(),
-            after_edge: none(),
+            late: (late.floor() as usize, late_s),
+            whole: Response::after(log.dt_s, rates),
+            after_edge: Response::after(log.dt_s - late_s, rates),
             before_v: start.drive_v,
-        };
-        structure.whole = structure.response(structure.sample_s);
-        structure.after_edge = structure.response(structure.sample_s - structure.late.1);
-        Some(structure)
-    }
-
-    /// y'' + c y' + w y = 1 from rest, after `t` seconds.
-    fn response(&self, t: f64) -> Response {
-        let (half, w) = (0.5 * self.damping_per_s, self.stiffness_per_s2);
-        let turning2 = w - half * half;
-        let turning = turning2.abs().sqrt().max(1e-3 * half);
-        let (cos, sin) = if turning2 > 0.0 {
-            let left = (-half * t).exp();
-            (left * (turning * t).cos(), left * (turning * t).sin())
-        } else {
-            // Not as cosh and sinh, which overflow where the samples are long.
-            let [slow, fast] = [half - turning, half + turning].map(|rate_per_s| (-rate_per_s * t).exp());
-            (0.5 * (slow + fast), 0.5 * (slow - fast))
-        };
-        Response { displacement_s2: (1.0 - (cos + half / turning * sin)) / w, velocity_s: sin / turning }
+        })
     }
 
     /// By how much the acceleration jumps on the way from row `before` to the next, m/s^2.
@@ -182,13 +181,16 @@ impl Structure {
         let end = &self.whole;
         let moved = velocity_m_per_s * end.velocity_s + jump * self.after_edge.displacement_s2;
         let constant = (to.displacement_m - displacement_m - moved) / end.displacement_s2;
-        let slowed = 1.0 - self.damping_per_s * end.velocity_s - self.stiffness_per_s2 * end.displacement_s2;
+        let slowed = 1.0 - self.rates[0] * end.velocity_s - self.rates[1] * end.displacement_s2;
         let ends_m_per_s = velocity_m_per_s * slowed + constant * end.velocity_s + jump * self.after_edge.velocity_s;
         let missed = to.velocity_m_per_s - ends_m_per_s;
-        let now = self.response(t);
+        let now = Response::after(t, self.rates);
         let after_edge_s = t - self.late.1;
-        let jumped =
-            if jump != 0.0 && after_edge_s > 0.0 { jump * self.response(after_edge_s).displacement_s2 } else { 0.0 };
+        let jumped = if jump != 0.0 && after_edge_s > 0.0 {
+            jump * Response::after(after_edge_s, self.rates).displacement_s2
+        } else {
+            0.0
+        };
         displacement_m
             + velocity_m_per_s * now.velocity_s
             + constant * now.displacement_s2
