@@ -358,11 +358,7 @@ impl Fits<'_> {
         for (effect, form) in forms.filter(is_other) {
             let values: Option<Vec<f64>> = (form.parameters)(&bench.scales()).iter().map(begins).collect();
             let fit = values.and_then(|values| self.search.instead(&best, own.effect.id(), (effect, form), &values));
-            match (fit, fits.iter().position(|fit| fit.hypothesis.ids() == [effect.id()])) {
-                (Some(fit), Some(known)) => fits[known] = better(fits[known].clone(), fit),
-                (Some(fit), None) => fits.push(fit),
-                (None, _) => {}
-            }
+            fit.into_iter().for_each(|fit| keep_better(fits, fit));
         }
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
     }
@@ -371,10 +367,7 @@ impl Fits<'_> {
     fn richer_kin(&self, fits: &mut Vec<Candidate>) {
         let Some(best) = fits.first().filter(|best| self.left(best) < HALF && best.chi > AT_NOISE) else { return };
         let Some(richer) = self.with_richer_kin(best) else { return };
-        match fits.iter().position(|fit| fit.hypothesis.ids() == richer.hypothesis.ids()) {
-            Some(known) => fits[known] = better(fits[known].clone(), richer),
-            None => fits.push(richer),
-        }
+        keep_better(fits, richer);
         fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
     }
 
@@ -576,6 +569,15 @@ fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl 
 
 fn better(one: Candidate, other: Candidate) -> Candidate {
     if other.chi < one.chi { other } else { one }
+}
+
+/// Puts `fit` among `fits`, in the place of one of the same effects if it leaves less.
+fn keep_better(fits: &mut Vec<Candidate>, fit: Candidate) {
+    match fits.iter_mut().find(|known| known.hypothesis.ids() == fit.hypothesis.ids()) {
+        Some(known) if fit.chi < known.chi => *known = fit,
+        Some(_) => {}
+        None => fits.push(fit),
+    }
 }
 
 /// The leads that are worth a fit, one for each effect.

@@ -225,7 +225,8 @@ pub(super) fn at([c0, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
     c0 + t * (c1 + t * (c2 + t * c3))
 }
 
-fn slope_at([_, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
+/// Its slope.
+pub(super) fn slope_at([_, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
     c1 + t * (2.0 * c2 + t * 3.0 * c3)
 }
 

@@ -2,13 +2,15 @@
 //!
 //! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
-use super::lag::{LagState, at};
+use super::lag::{LagState, at, slope_at};
 use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
 /// Contacts that share a joint whose plays are spread.
 const CONTACTS: usize = 5;
 /// How often the sample in which a play's edge is reached is halved to find when.
 const HALVINGS: usize = 40;
+/// Rounding of a displacement, with room.
+const ROUNDING_M: f64 = 1e-17;
 
 /// The sensor's state.
 pub(super) struct Readout {
@@ -53,9 +55,10 @@ impl Readout {
             relaxed_m: 0.0,
         };
         let contacts = if sensor.play_m > 0.0 && sensor.play_spread > 0.0 { CONTACTS } else { 1 };
-        let has_no_drag = sensor.drag_s == f64::INFINITY && parts.creep.is_empty() && parts.arms.is_empty();
+        let is_plain = contacts == 1 && sensor.drag_s == f64::INFINITY;
+        let is_alone = parts.creep.is_empty() && parts.arms.is_empty();
         Self {
-            lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && contacts == 1 && has_no_drag,
+            lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && is_plain && is_alone,
             sensor: Sensor { lag, ..sensor.clone() },
             is_affine: sensor.is_affine(),
             sample_s,
@@ -249,7 +252,8 @@ fn turn_s([_, slope, bend, twist]: [f64; 4], to_slope: f64, t_end: f64) -> f64 {
 fn reached_s(path: [f64; 4], value: f64, [mut before_s, mut after_s]: [f64; 2]) -> f64 {
     let is_up = at(path, after_s) > value;
     let is_beyond = |t: f64| (at(path, t) >= value) == is_up;
-    if is_beyond(before_s) {
+    // What went along before is at the edge but for rounding.
+    if is_beyond(before_s) || (at(path, before_s) - value).abs() < ROUNDING_M {
         return before_s;
     }
     for _ in 0..HALVINGS {
@@ -264,9 +268,8 @@ fn reached_s(path: [f64; 4], value: f64, [mut before_s, mut after_s]: [f64; 2]) 
 }
 
 /// The same cubic with its time counted from `t` on.
-fn later([value, slope, bend, twist]: [f64; 4], t: f64) -> [f64; 4] {
-    let path = [value, slope, bend, twist];
-    [at(path, t), slope + t * (2.0 * bend + 3.0 * t * twist), bend + 3.0 * t * twist, twist]
+fn later(path @ [_, _, bend, twist]: [f64; 4], t: f64) -> [f64; 4] {
+    [at(path, t), slope_at(path, t), bend + 3.0 * t * twist, twist]
 }
 
 #[cfg(test)]

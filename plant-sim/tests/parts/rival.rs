@@ -89,8 +89,7 @@ const MODES: usize = 12;
 const BEHIND: usize = 16;
 
 /// Readings at the start of each sample under the commands, by `steps` Runge-Kutta steps per sample; the drive's delay must be a whole
-/// number of those. Knows the heat of the drive's square only, and of play that
-/// without drag.
+/// number of those. Knows the heat of the drive's square only, and no play with drag.
 pub fn rival(chain: &Chain, command_v: &[f64], steps: usize) -> Vec<f64> {
     let h = SAMPLE_S / steps as f64;
     let delay = (chain.drive.delay_s / h).round() as usize;
