@@ -3,11 +3,11 @@
 //! With 200,000 samples a likelihood under white noise is always certain, and certain of the wrong thing as soon as the true effect has
 //! another form than the registry's. So a fit is judged by what it leaves, and two questions are kept apart. Which of the fits it is, is told
 //! by the unexplained fraction of the whole gap, on a logarithmic scale with a floor where the noise of the comparison begins, and by
-//! what the numbers' shifts cost. Whether it is any of them, is told by the log that the fit misses most: a cause of another kind may be
-//! imitated in most experiments, but hardly in all of them. The constants were set on made cases (`blind-truth`'s calibrate split): those of the
-//! score on 49 with the right effect in a wrong form and 63 with a foreign one or with the entry struck out; those of the doubt by a logistic
-//! regression of "the leading entry is right" on 240 answers to one effect, two and foreign ones, in the proportions of the blind check. How far
-//! the probabilities can be relied upon, `docs/blind-check.md` says.
+//! what the numbers' shifts cost. Whether it is any of them, is told by the log and by the octave of frequency that the fit misses most: a cause of
+//! another kind may be imitated in most experiments and at most frequencies, but hardly in all of them. The constants were set on made cases
+//! (`blind-truth`'s calibrate split): those of the score on 49 with the right effect in a wrong form and 63 with a foreign one or with the entry
+//! struck out; those of the doubt by a logistic regression of "the leading entry is right" on 240 answers to one effect, two and foreign ones, in
+//! the proportions of the blind check, when it was told by logs alone. How far the probabilities can be relied upon, `docs/blind-check.md` says.
 
 /// Weight of the logarithm of the unexplained fraction.
 pub const SHARPNESS: f64 = 3.0;
@@ -20,7 +20,7 @@ pub const PARAMETER: f64 = 0.15;
 /// See [`PARAMETER`].
 pub const SECOND: f64 = 3.0;
 
-/// Unexplained fraction of the log that is missed most at which an explanation is as likely to be none as to be right, ..
+/// Unexplained fraction of what is missed most at which an explanation is as likely to be none as to be right, ..
 const EVEN: f64 = 0.82;
 /// .. the weight of that fraction's logarithm, ..
 const DOUBT: f64 = 1.8;
@@ -35,7 +35,7 @@ pub struct Judged {
     pub ids: Vec<&'static str>,
     /// Fraction of the gap that stays unexplained, as amplitude.
     pub left: f64,
-    /// The same of the log in which most of its own gap stays; zero where that is not known.
+    /// The same of the log or octave in which most of its own gap stays; zero where that is not known.
     pub of_worst: f64,
     /// Least fraction that these logs resolve.
     pub floor: f64,

@@ -88,7 +88,7 @@ impl Explanation {
 /// Fraction of a log's gap that `fit` leaves, as amplitude, in the log where it leaves most. One sensor has one noise: what the fit leaves of
 /// the log in the middle tells it better than a log's own differences, which a fast plant roughens. Of what it leaves of each log `scatter_m2` is
 /// explained, if that is known.
-pub(super) fn left_of_worst(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatter_m2: &[f64]) -> f64 {
+pub(super) fn left_of_worst_log(search: &Search<'_>, fit: &Candidate, refit: &Candidate, scatter_m2: &[f64]) -> f64 {
     let mean2 = |candidate: &Candidate| -> Vec<f64> { candidate.found.normal.logs.iter().map(Sums::mean_m2).collect() };
     let (before2, after2) = (mean2(refit), mean2(fit));
     let middle2 = middle(&after2);

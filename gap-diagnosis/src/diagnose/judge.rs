@@ -3,11 +3,12 @@
 use super::bench::Freedom;
 use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
-use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst, scatter_of_logs};
+use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
+use super::octaves::{Octave, left_of_worst_octave, octaves_of};
 use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Search};
+use super::search::{Candidate, Remainder, Search};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, freed};
 
@@ -99,7 +100,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     say("screening the registry", 0.15);
     let leads = search.screen(&refit, &starts, without);
     let fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
-    let judge = Judge::new(search, &refit, without, &fits, &leads, &starts);
+    let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
     let scatter = judge.by_scatter(&scattered, &refit);
     explanations.extend(scatter.iter().cloned());
@@ -137,6 +138,8 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
 struct Judge<'a> {
     search: &'a Search<'a>,
     refit: &'a Candidate,
+    /// What the refit leaves, in octaves.
+    octaves: Vec<Octave>,
     without: &'a [&'a str],
     fits: &'a [Candidate],
     /// The fit that leaves least.
@@ -155,6 +158,7 @@ impl<'a> Judge<'a> {
     fn new(
         search: &'a Search<'a>,
         refit: &'a Candidate,
+        remainders: &[Remainder],
         without: &'a [&'a str],
         fits: &'a [Candidate],
         leads: &[Lead],
@@ -166,7 +170,8 @@ impl<'a> Judge<'a> {
         let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
         let best_share = leads.first().map_or(0.0, |lead| lead.share);
         let has_lines = !starts.line_hz.is_empty();
-        Self { search, refit, without, fits, best, floor: least_fraction(refit), noise, best_share, has_lines }
+        let octaves = octaves_of(search.bench, remainders);
+        Self { search, refit, octaves, without, fits, best, floor: least_fraction(refit), noise, best_share, has_lines }
     }
 
     /// Fraction of the gap that `fit` leaves, as amplitude.
@@ -183,8 +188,15 @@ impl<'a> Judge<'a> {
         };
         let left = self.fits.iter().filter(as_good).map(|part| self.left(part)).fold(self.left(fit), f64::max);
         let mut explanation = Explanation::by_fit(fit, left, self.floor);
-        explanation.judged.of_worst = left_of_worst(self.search, fit, self.refit, &[]);
+        let octaves = octaves_of(self.search.bench, &self.search.play(fit));
+        explanation.judged.of_worst = self.left_of_worst(fit, &octaves, &[]);
         explanation
+    }
+
+    /// Fraction of the gap that `fit` leaves in the log or octave where it leaves most, `scatter_m2` of each log being explained.
+    fn left_of_worst(&self, fit: &Candidate, octaves: &[Octave], scatter_m2: &[f64]) -> f64 {
+        let of_octave = left_of_worst_octave(self.search.bench, &self.octaves, octaves, scatter_m2);
+        left_of_worst_log(self.search, fit, self.refit, scatter_m2).max(of_octave)
     }
 
     fn by_scatter(&self, scattered: &Scattered, fit: &Candidate) -> Vec<Explanation> {
@@ -199,12 +211,13 @@ impl<'a> Judge<'a> {
         let beyond = |fit: &Candidate| ((fit.chi - best.chi) / gap).max(0.0).sqrt();
         let of_fit = |fit: &Candidate| {
             let remainders = self.search.play(fit);
+            let octaves = octaves_of(bench, &remainders);
             let mut explanations = self.by_scatter(&scattered(bench, &remainders, false), fit);
             for explanation in &mut explanations {
                 explanation.judged.left = (explanation.judged.left * self.left(fit)).hypot(beyond(fit));
-                // Scatter explains no log that the fit beside it misses by more.
+                // Scatter explains no log that the fit beside it misses by more, and no octave.
                 let scatter_m2 = scatter_of_logs(explanation, bench, &remainders);
-                explanation.judged.of_worst = left_of_worst(self.search, fit, self.refit, &scatter_m2);
+                explanation.judged.of_worst = self.left_of_worst(fit, &octaves, &scatter_m2);
             }
             explanations
         };
