@@ -1,5 +1,6 @@
 //! Whether a residual is noise, told by the power of its octaves: noise of a sensor has the same in every log, whatever the plant does, and it
-//! falls smoothly with frequency, as `a + b / f^n` (`a`: white, `b / f`: flicker). What a wrong model leaves does neither.
+//! falls smoothly with frequency, as `a + b / f^n` (`a`: white, `b / f`: flicker). What a wrong model leaves does neither. And which octave of a gap
+//! a fit misses most.
 
 use super::bench::{Bench, Record};
 use super::search::{Remainder, middle};
@@ -28,7 +29,7 @@ const PART_OF_GAP: f64 = 1e-3;
 /// Power of a log in one octave.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Octave {
-    pub(super) log: usize,
+    log: usize,
     /// Stretches of 2^level rows are compared with the next ones.
     level: i32,
     /// Number of such pairs.
@@ -220,7 +221,9 @@ mod tests {
         let found = left(&|_, _| 0.0, 0.0);
         assert!((half - 0.5).abs() < 0.05 && missed > 0.9 && found == 0.0, "{half} {missed} {found}");
         // What the log in the middle has is noise; what others have beyond it must be told.
-        let noisy = |n: u64, k: usize| (0..12).map(|more| white(100 * n + more)[k]).sum::<f64>();
+        let twelve = |n: u64| -> Vec<Vec<f64>> { (0..12).map(|more| white(100 * n + more)).collect() };
+        let noises = [0, 1, 2].map(twelve);
+        let noisy = |n: u64, k: usize| noises[n as usize].iter().map(|white| white[k]).sum::<f64>();
         let everywhere = left(&noisy, 0.0);
         let in_one = |n: u64, k: usize| loud(n) * noisy(n, k);
         let (told, untold) = (left(&in_one, 12.0 * NOISE_M * NOISE_M), left(&in_one, 0.0));
