@@ -163,6 +163,8 @@ pub struct Rival {
     pub probability: f64,
     /// Fraction of the gap that it leaves, as amplitude.
     pub left: f64,
+    /// The same of the log or octave in which it leaves most; zero where that is not known.
+    pub of_worst: f64,
 }
 
 fn members<S: serde::Serializer>(classes: &[Class], serializer: S) -> Result<S::Ok, S::Error> {
@@ -513,6 +515,7 @@ fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
         prior_cost: e.judged.prior_cost,
         probability: e.probability,
         left: e.judged.left,
+        of_worst: e.judged.of_worst,
     };
     others.map(rival).collect()
 }

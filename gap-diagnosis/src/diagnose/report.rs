@@ -198,8 +198,8 @@ impl Diagnosis {
             is_new && self.classes.iter().any(|class| rival.effects.iter().all(|id| is_open(id, &class.members)));
         let reason = if in_class {
             "Not rejected: these logs cannot tell it apart.".to_owned()
-        } else if rival.left > LEAVES {
-            format!("Leaves {:.0} % of the gap.", 100.0 * rival.left)
+        } else if rival.left > LEAVES || self.evidence.named_left.is_none() && misses_a_part(rival) {
+            leaves(rival)
         } else if rival.prior_cost > BENT {
             format!(
                 "Needs the nominal numbers far from where they are known to be (chi-square {:.0}).",
@@ -226,6 +226,21 @@ impl Diagnosis {
             probability: rival.probability,
             reason,
         }
+    }
+}
+
+/// Whether a rival leaves much of what shows in one log or octave, though little of the whole gap.
+fn misses_a_part(rival: &Rival) -> bool {
+    rival.of_worst > rival.left.max(LEAVES)
+}
+
+/// What a rival leaves, in words.
+fn leaves(rival: &Rival) -> String {
+    let left = format!("Leaves {:.0} % of the gap", 100.0 * rival.left);
+    if misses_a_part(rival) {
+        format!("{left}, and {:.0} % of what shows in one log or octave.", 100.0 * rival.of_worst)
+    } else {
+        format!("{left}.")
     }
 }
 
@@ -313,4 +328,24 @@ fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
         frequency_hz: all[0].frequency_hz.clone(),
         ..view(format!("Frequency response, {}", log.name), caption, responses)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rival_that_misses_a_part_of_the_gap_is_said_to() {
+        let rival = |left, of_worst| Rival {
+            effects: vec!["thermal_gain".to_owned()],
+            rms_over_noise: 1.4,
+            prior_cost: 9.0,
+            probability: 0.3,
+            left,
+            of_worst,
+        };
+        assert_eq!(leaves(&rival(0.13, 0.92)), "Leaves 13 % of the gap, and 92 % of what shows in one log or octave.");
+        assert_eq!(leaves(&rival(0.65, 0.6)), "Leaves 65 % of the gap.");
+        assert!(misses_a_part(&rival(0.03, 0.5)) && !misses_a_part(&rival(0.03, 0.05)));
+    }
 }
