@@ -281,6 +281,16 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
     }
 }
 
+/// Starts and numbers make up between them for a zero that is another one in each log: a refit comes to the noise with numbers that are off by many sigma.
+#[test]
+fn a_zero_that_wanders_bends_no_number() {
+    let subject = Subject::Effects(vec![EffectId::SensorOffset]);
+    let found = diagnosis_of_calibrate("diagnose-zeros", 17_499_106_799_341_107_617, subject);
+    assert_eq!(list(&found["effects"]), ["sensor_offset"], "{}", found["ranking"]);
+    assert_eq!(list(&found["set90"]), ["sensor_offset"], "{}", found["ranking"]);
+    assert_eq!(found["changed"].as_array().map(Vec::len), Some(0), "{}", found["changed"]);
+}
+
 /// What is predicted of logs never shown happens there, though a hum hides where they start, and a payload has led the refit far off.
 #[test]
 fn the_predicted_shrink_is_realised() {

@@ -206,6 +206,10 @@ fn the_drive_saturates_and_rounds() {
     let compressed: Vec<f64> = command_v.iter().zip(&clamped).map(|(v, c)| c + 0.25 * (v - c)).collect();
     assert_eq!(through(&yielding, &command_v), through(&chain(), &compressed));
 
+    let gradual = Chain { drive: Drive { compression_per_v2: 1e-4, ..Drive::IDEAL }, ..chain() };
+    let behind: Vec<f64> = command_v.iter().map(|v| v / (1.0 + 1e-4 * v * v).sqrt()).collect();
+    assert_eq!(through(&gradual, &command_v), through(&chain(), &behind));
+
     let one_sided = Chain { drive: Drive { gain_change: 0.05, changes_at_v: 20.0, ..Drive::IDEAL }, ..chain() };
     let steeper: Vec<f64> = command_v.iter().map(|v| v + 0.05 * (v - 20.0).max(0.0)).collect();
     assert_eq!(through(&one_sided, &command_v), through(&chain(), &steeper));

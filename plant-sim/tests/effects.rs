@@ -196,6 +196,7 @@ fn suffix(unit: &str) -> Option<&'static str> {
         "1/m" => "_per_m",
         "1/m^2" => "_per_m2",
         "1/V" => "_per_v",
+        "1/V^2" => "_per_v2",
         _ => return None,
     })
 }

@@ -11,6 +11,7 @@ use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, freed};
+use plant_sim::effects::{Form, Kind, REGISTRY};
 
 /// Chi-square that a comparison of two fits resolves.
 pub(super) const RESOLVED: f64 = 20.0;
@@ -129,9 +130,36 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     explanations.extend(by_symmetry(pairs, &refit, 0.0, floor, without, FREED_AT_NOISE));
     let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE * e.freed.len() as f64;
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
+    if !is_one {
+        let unbent = with_ordinary_numbers(search, &refit, without);
+        let repeats = search.repeats(&refit);
+        let score = |fit: &Candidate| {
+            let dearer = (fit.found.data_cost - refit.found.data_cost) / repeats;
+            -0.5 * (fit.found.prior_cost + dearer.max(0.0)) - LOOK_ELSEWHERE * fit.hypothesis.installed.len() as f64
+        };
+        scores.extend(unbent.iter().map(score));
+        explanations.extend(unbent.iter().map(|fit| Explanation::by_fit(fit, 0.0, floor)));
+    }
     scores.push(nothing);
     let doubts = vec![NO_UNKNOWN; scores.len()];
     judged(Course::new(refit, explanations, scattered), &scores, &doubts)
+}
+
+/// Fits at the noise with ordinary numbers, where a refit came to it with numbers that no direction makes ordinary: what is another in each log, starts
+/// and numbers make up for between them.
+fn with_ordinary_numbers(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Vec<Candidate> {
+    let scales = search.bench.scales();
+    let is_of_each_log = |form: &Form| {
+        let parameters = (form.parameters)(&scales);
+        form.kind == Kind::Predictable && parameters.len() == 1 && parameters[0].per_log
+    };
+    let effects = REGISTRY.iter().filter(|effect| !without.contains(&effect.id()));
+    let forms = effects.flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)));
+    let fits = forms
+        .filter(|(_, form)| is_of_each_log(form))
+        .map(|(effect, form)| search.from_rest(&refit.hypothesis, effect, form));
+    let fits: Vec<Candidate> = fits.collect();
+    fits.into_iter().filter(|fit| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST).collect()
 }
 
 /// What explanations of a gap are measured by.

@@ -189,6 +189,13 @@ impl Search<'_> {
         normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
     }
 
+    /// `form` beside the nominal numbers, all logs starting at rest, fitted from there.
+    pub fn from_rest(&self, nominal: &Hypothesis, effect: &'static dyn Effect, form: &'static Form) -> Candidate {
+        let hypothesis = nominal.with(effect, form, &self.bench.scales());
+        let z = self.bench.origin(&hypothesis);
+        self.led_by_others(self.descend(&hypothesis, z, &STAGES))
+    }
+
     /// Fits the start of every log, everything else held.
     fn settle(&self, hypothesis: &Hypothesis, z: &mut [f64]) {
         (0..self.bench.records.len()).for_each(|index| settle(self.bench, hypothesis, z, index));
@@ -415,8 +422,7 @@ impl Search<'_> {
     /// A candidate at the noise again, its nominal numbers put back at nominal and its readings counted as the independent ones that they
     /// are worth; the better of both under that count. Numbers that a kink holds far from nominal, or noise that lasts, come home.
     pub fn unbent(&self, candidate: Candidate) -> Candidate {
-        let count = |weights: Vec<f64>| weights.iter().sum::<f64>();
-        let repeats = count(noise_weights(self.bench)) / count(self.independent_weights(&candidate));
+        let repeats = self.repeats(&candidate);
         let mut z = candidate.found.z.clone();
         z[..self.bench.free.len()].fill(0.0);
         let mut stages = STAGES;
@@ -424,6 +430,12 @@ impl Search<'_> {
         let other = self.descend(&candidate.hypothesis, z, &stages);
         let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
         if total(&other) < total(&candidate) { other } else { candidate }
+    }
+
+    /// Readings that make one independent one, by what `candidate` leaves.
+    pub fn repeats(&self, candidate: &Candidate) -> f64 {
+        let count = |weights: Vec<f64>| weights.iter().sum::<f64>();
+        count(noise_weights(self.bench)) / count(self.independent_weights(candidate))
     }
 
     /// What stays of every row of each log, and how fast the plant moved there.

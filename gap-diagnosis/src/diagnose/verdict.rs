@@ -240,7 +240,8 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
         let floor = top.judged.floor.max(other.judged.floor);
         // What leaves as much is as good, be the form wrong in the same way.
         let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;
-        let close = alike || (left - their_left).abs() < floor && left.max(their_left) < GOOD;
+        // Where nothing was left to begin with, all of them leave nothing: what tells them apart is how far the numbers have to go.
+        let close = course.has_gap() && (alike || (left - their_left).abs() < floor && left.max(their_left) < GOOD);
         let even = top.probability < SAME_PROBABILITY * other.probability && left.max(their_left) < GOOD;
         if close || even {
             for id in [own, theirs] {

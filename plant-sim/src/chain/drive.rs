@@ -17,6 +17,8 @@ pub struct Drive {
     pub knee_v: f64,
     /// Gain that is left beyond the range; zero for an output that stops there.
     pub slope_beyond: f64,
+    /// k in u / sqrt(1 + k u^2), in 1/V^2: an output that falls behind long before its limit of 1/sqrt(k).
+    pub compression_per_v2: f64,
     /// Pure delay in seconds, >= 0.
     pub delay_s: f64,
     /// Step of the converter in volts; zero for none.
@@ -127,6 +129,7 @@ impl Drive {
         range_v: [f64::NEG_INFINITY, f64::INFINITY],
         knee_v: 0.0,
         slope_beyond: 0.0,
+        compression_per_v2: 0.0,
         delay_s: 0.0,
         quantum_v: 0.0,
         is_truncating: false,
@@ -160,7 +163,12 @@ impl Drive {
         let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * converted_v.abs())
             + self.hinges.iter().map(turned).sum::<f64>();
         let bent_v = amplified_v * (1.0 + self.curvature_per_v * amplified_v);
-        let wanted_v = self.gain * (bent_v + self.gain_change * (bent_v - self.changes_at_v).max(0.0));
+        let changed_v = self.gain * (bent_v + self.gain_change * (bent_v - self.changes_at_v).max(0.0));
+        let wanted_v = if self.compression_per_v2 > 0.0 {
+            changed_v / (1.0 + self.compression_per_v2 * changed_v * changed_v).sqrt()
+        } else {
+            changed_v
+        };
         let within_v =
             if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) };
         within_v + self.slope_beyond * (wanted_v - within_v)
@@ -188,7 +196,7 @@ pub(super) struct Output {
 
 impl Output {
     pub(super) fn new(drive: &Drive) -> Self {
-        let bends = [drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change];
+        let bends = [drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change, drive.compression_per_v2];
         let is_straight = drive.hinges.is_empty() && bends.into_iter().all(|bend| bend == 0.0);
         let is_clipped = drive.knee_v <= 0.0 && drive.slope_beyond == 0.0;
         Self { drive: drive.clone(), is_gain: is_straight && is_clipped && drive.quantum_v <= 0.0 }

@@ -10,9 +10,9 @@ const ABOUT: About = About {
     title: "amplifier saturation",
     what: "The amplifier's output stays within a range that is narrower than the command's.",
     equation: "v = min(max(u, L), U), or with rounded corners v = u - w ln(1 + exp((u - U)/w)) + w ln(1 + exp((L - \
-               u)/w)); where it only compresses, v + s (u - v); u: command, v: drive, L and U: limits, w: knee, s: gain \
-               that is left",
-    source: "common form, size assumed",
+               u)/w)); where it only compresses, v + s (u - v), or gradually u / sqrt(1 + k u^2); u: command, v: drive, L \
+               and U: limits, w: knee, s: gain that is left, k: compression, 1/sqrt(k) the limit",
+    source: "common forms, size assumed; the gradual one is the model of solid-state amplifiers of Rapp 1991 with p = 1",
     typical: "supplies end at -20 and 150 V; the knee takes a few volts",
     installs: "the drive's range and its knee",
     signature: "nothing below a level of the command; above it flat tops, whatever the rate",
@@ -107,5 +107,13 @@ const FORMS: &[Form] = &[
             soften(chain, [-p[0], p[0]], p[1]);
             chain.drive.slope_beyond = p[2];
         },
+    ),
+    Form::predictable(
+        "gradual",
+        |scales| {
+            let per_v2 = scales.drive_v.powi(-2);
+            vec![Parameter::amplitude("compression_per_v2", "1/V^2", [0.0, 3.0 * per_v2], 0.03 * per_v2)]
+        },
+        |chain, p| chain.drive.compression_per_v2 += p[0],
     ),
 ];
