@@ -1,7 +1,7 @@
 //! The answer: what `diagnosis.json` says (schema `hysteron-diagnosis-1`), and what the page needs beside it.
 
 use super::augment::{Augmented, Changed, Estimate, augment};
-use super::bench::{Bench, Record};
+use super::bench::{Bench, Installed, Record};
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
 use super::explanation::Explanation;
@@ -263,9 +263,12 @@ pub(super) fn answer(
     if verdict == Verdict::Explained && found.variant.has_own_parts() {
         let own: Vec<&str> = found.variant.with_own_parts().collect();
         warnings.push(format!(
-            "{}: phase or size belong to each log, so no plant predicts them on another one and no shrink is promised there",
+            "{}: its size belongs to each log, so no plant predicts it on another one and no shrink is promised there",
             own.join(", ")
         ));
+    }
+    if verdict == Verdict::Explained {
+        warnings.extend(told_at_once(&found.variant, bench));
     }
     if !found.random.is_empty() {
         warnings.push(
@@ -323,8 +326,7 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
     let played = benches.play(&refit);
     let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
     let not_portable = if found.variant.has_own_parts() {
-        let of_lines = |i: &super::bench::Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
-        let mut silent = found.variant.part(fitted, true, |i| !of_lines(i));
+        let mut silent = found.variant.part(fitted, true, |installed| !installed.has_own_parts());
         silent.starts_known = true;
         let silent = benches.play(&silent);
         let parts = augmented.iter().zip(&silent).zip(&fitted.records);
@@ -349,6 +351,25 @@ fn difference2(one: &[f64], other: &[f64]) -> Vec<f64> {
 fn while_held(dt_s: f64, values: &[f64], held_s: &[f64]) -> [f64; 2] {
     let alike = held_s.iter().map(|held_s| &values[..values.len().min((held_s / dt_s).round() as usize)]);
     alike.fold([0.0; 2], |[rows, sum], alike| [rows + alike.len() as f64, sum + alike.iter().sum::<f64>()])
+}
+
+/// What belongs to each log and is told by its first stretch, with each log's setting.
+fn told_at_once(variant: &Variant, bench: &Bench<'_>) -> Vec<String> {
+    const TOLD: &str = "in a log never shown it is told by the first stretch, as the start is";
+    let of = |(at, installed): (usize, &Installed)| {
+        let id = installed.effect.id();
+        if !installed.is_setting() {
+            return format!("{id}: phase and size belong to each log; {TOLD}");
+        }
+        let (scale, unit) = if installed.axes[0].parameter.unit == "m" { (1e6, "um") } else { (100.0, "%") };
+        let of_log = |(index, record): (usize, &Record<'_>)| {
+            let value = bench.values(&variant.hypothesis, &variant.z, index)[at][0];
+            format!("{} {:+.3} {unit}", record.log.name, scale * value)
+        };
+        let logs: Vec<String> = bench.records.iter().enumerate().map(of_log).collect();
+        format!("{id}: another one in each log ({}); {TOLD}", logs.join(", "))
+    };
+    variant.told_at_once().map(of).collect()
 }
 
 /// Identifiers, largest share first.

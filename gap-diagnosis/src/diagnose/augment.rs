@@ -136,16 +136,16 @@ impl Augmented {
         let fitted = benches.play_fitted(&self.variant);
         let one = |(variance, direction): (&f64, DVectorView<'_, f64>)| {
             let sigma = variance.sqrt();
+            // What each log has of its own goes along.
+            let along = covariance.columns(0, shared) * direction / sigma;
             let reach = if sigma > LINEAR {
-                // What each log has of its own goes along.
-                let along = covariance.columns(0, shared) * direction / sigma;
                 let [there, back] = [1.0, -1.0].map(|sign| self.reach(benches, &fitted, &(sign * &along)));
                 let farther = if back > there { -1.0 } else { 1.0 };
                 farther * (0.5 * (there.powi(2) + back.powi(2))).sqrt()
             } else {
                 1.0
             };
-            direction.iter().map(|along| reach * sigma * along).collect()
+            (reach * along).as_slice().to_vec()
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
@@ -176,7 +176,8 @@ impl Augmented {
         self.covariance.as_ref().map_or(f64::NAN, |covariance| covariance[(place, place)].max(0.0).sqrt())
     }
 
-    /// Parameters of the effects with their sigma. Of those that every log has of its own, the root mean square over the logs.
+    /// Parameters of the effects with their sigma. Of those that every log has of its own, the root mean square over the logs; of a setting,
+    /// the mean.
     pub fn estimates(&self, bench: &Bench<'_>) -> Vec<Estimate> {
         let mut estimates = Vec::new();
         let logs = bench.records.len();
@@ -189,7 +190,13 @@ impl Augmented {
                     let z = self.variant.z[place];
                     (axis.value(z), axis.slope(z).abs() * self.sigma(place))
                 };
-                let (value, sigma) = if parameter.per_log {
+                let (value, sigma) = if installed.is_setting() {
+                    // What the next log may have.
+                    let all: Vec<(f64, f64)> = (0..logs).map(one).collect();
+                    let mean = |of: &dyn Fn(&(f64, f64)) -> f64| all.iter().map(of).sum::<f64>() / logs as f64;
+                    let middle = mean(&|(value, _)| *value);
+                    (middle, mean(&|(value, sigma)| (value - middle).powi(2) + sigma.powi(2)).sqrt())
+                } else if parameter.per_log {
                     let mean2 = |of: &dyn Fn((f64, f64)) -> f64| {
                         ((0..logs).map(|index| of(one(index)).powi(2)).sum::<f64>() / logs as f64).sqrt()
                     };
@@ -235,7 +242,7 @@ impl Augmented {
         bench.free.iter().map(|free| free.quantity).filter(|quantity| names.contains(&quantity.name())).collect()
     }
 
-    /// The model file. What every log has of its own belongs to no plant and is left out.
+    /// The model file. What every log has of its own belongs to no plant and is left out, but for a setting, which is that in the mean.
     pub fn model(&self, bench: &Bench<'_>, source: &str) -> Model {
         let mut model = bench.model.clone();
         model.name = format!("{}, diagnosed", model.name);
@@ -247,7 +254,7 @@ impl Augmented {
         for installed in &self.variant.hypothesis.installed {
             let own: Vec<&Estimate> = next.by_ref().take(installed.axes.len()).collect();
             model = model.with_effect(installed.effect, installed.form, &params(&own, source));
-            for axis in installed.axes.iter().filter(|axis| axis.parameter.per_log) {
+            for axis in installed.axes.iter().filter(|axis| axis.parameter.per_log && !installed.is_setting()) {
                 if let Some(section) = model.effects.last_mut() {
                     section.parameters.remove(axis.parameter.name);
                 }

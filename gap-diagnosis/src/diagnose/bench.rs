@@ -18,6 +18,8 @@ const BOUND: f64 = 1.5;
 const LEAST_REACH: f64 = 0.1;
 /// Width of what a hysteron holds that only motions near the rig's end fill, as atanh of a share of the most; one for the others.
 const SELDOM: f64 = 0.5;
+/// Least width of what other logs have of a number, in typical sizes.
+const LEAST_WIDTH: f64 = 0.01;
 /// Thinnings that are tried, and the rows that the plant's own period keeps.
 const FACTORS: [usize; 2] = [4, 2];
 const ROWS_PER_PERIOD: f64 = 6.0;
@@ -112,6 +114,23 @@ pub struct Installed {
     pub remembers: bool,
 }
 
+impl Installed {
+    /// Whether parts of it belong to each log, and neither another one nor its own first stretch tells them.
+    pub fn has_own_parts(&self) -> bool {
+        self.axes.iter().any(|axis| axis.parameter.per_log && !axis.parameter.is_told_at_once)
+    }
+
+    /// Whether the first stretch of each log tells parts of it.
+    pub fn is_told_at_once(&self) -> bool {
+        self.axes.iter().any(|axis| axis.parameter.is_told_at_once)
+    }
+
+    /// Whether it is how something was set before each log: one number that stays.
+    pub fn is_setting(&self) -> bool {
+        self.axes.len() == 1 && self.is_told_at_once()
+    }
+}
+
 /// One parameter as the search walks it.
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -119,6 +138,8 @@ pub struct Axis {
     pub parameter: Parameter,
     /// What one coordinate unit is worth (amplitudes and places).
     unit: f64,
+    /// Mean and width of what other logs have of it, as coordinates; none where nothing is known of it.
+    usual: Option<[f64; 2]>,
 }
 
 impl Axis {
@@ -128,7 +149,7 @@ impl Axis {
             Role::Shape(_) => 1.0,
             Role::Place(_) => 0.1 * (parameter.bounds[1] - parameter.bounds[0]),
         };
-        Self { parameter, unit }
+        Self { parameter, unit, usual: None }
     }
 
     /// Whether the effect vanishes at zero.
@@ -201,6 +222,26 @@ impl Hypothesis {
         installed.push(Installed { effect, form, axes, hysterons, remembers });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, freedom }
+    }
+
+    /// This where what the first stretch of another log tells of its own is what the logs of `bench` have at `z`, give or take twice how these differ.
+    pub fn as_usual(&self, bench: &Bench<'_>, z: &[f64]) -> Self {
+        let places: Vec<_> = (0..bench.records.len()).map(|index| bench.places(self, index)).collect();
+        let mut usual = self.clone();
+        for (at, installed) in usual.installed.iter_mut().enumerate() {
+            for (number, axis) in
+                installed.axes.iter_mut().enumerate().filter(|(_, axis)| axis.parameter.is_told_at_once)
+            {
+                let of_logs: Vec<f64> = places.iter().map(|places| z[places[at][number]]).collect();
+                let count = of_logs.len() as f64;
+                let mean = of_logs.iter().sum::<f64>() / count;
+                let spread2 = of_logs.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+                // One log says nothing of how they differ.
+                let width = if of_logs.len() > 1 { 2.0 * spread2.sqrt() } else { mean.abs().max(1.0) };
+                axis.usual = Some([mean, width.max(LEAST_WIDTH)]);
+            }
+        }
+        usual
     }
 
     /// Whether logs begin with a memory besides that of hysterons.
@@ -398,6 +439,15 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// Coordinates of log `index` that its first stretch tells: those of the start, then the forms' own.
+    pub(super) fn told_by_start(&self, hypothesis: &Hypothesis, index: usize) -> Vec<usize> {
+        let at = self.own_start(hypothesis, index);
+        let axes = hypothesis.installed.iter().flat_map(|installed| &installed.axes);
+        let places = self.places(hypothesis, index).into_iter().flatten();
+        let own = axes.zip(places).filter(|(axis, _)| axis.parameter.is_told_at_once).map(|(_, place)| place);
+        (at..at + self.start_count(hypothesis)).chain(own).collect()
+    }
+
     /// Coordinates of each log.
     pub fn own(&self, hypothesis: &Hypothesis) -> usize {
         let own = |axis: &&Axis| axis.parameter.per_log;
@@ -480,7 +530,8 @@ impl<'a> Bench<'a> {
                         Role::Place(_) => 1.0,
                     };
                     let step = if is_frequency { 1e-5 } else { 1e-3 };
-                    rules[place] = Rule { centre: 0.0, sigma: f64::INFINITY, bounds: axis.bounds(), most, step };
+                    let [centre, sigma] = axis.usual.unwrap_or([0.0, f64::INFINITY]);
+                    rules[place] = Rule { centre, sigma, bounds: axis.bounds(), most, step };
                 }
             }
         }

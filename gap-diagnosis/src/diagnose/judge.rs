@@ -11,7 +11,7 @@ use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, freed};
-use plant_sim::effects::{Form, Kind, REGISTRY};
+use plant_sim::effects::REGISTRY;
 
 /// Chi-square that a comparison of two fits resolves.
 pub(super) const RESOLVED: f64 = 20.0;
@@ -122,7 +122,7 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     let shifts = Shifts::of(search, &refit);
     let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
     // What the mass is off by is a shift as well.
-    let nothing = -0.5 * freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
+    let cost = freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
     // One direction that leaves ordinary shifts is enough.
     let is_one = freed.first().is_none_or(|freed| freed.cost < BENT_COST);
     let pairs = shifts.filter(|_| !is_one).map_or_else(Vec::new, |shifts| shifts.in_pairs());
@@ -130,36 +130,36 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     explanations.extend(by_symmetry(pairs, &refit, 0.0, floor, without, FREED_AT_NOISE));
     let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE * e.freed.len() as f64;
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
-    if !is_one {
-        let unbent = with_ordinary_numbers(search, &refit, without);
+    if cost > BENT_COST {
         let repeats = search.repeats(&refit);
         let score = |fit: &Candidate| {
             let dearer = (fit.found.data_cost - refit.found.data_cost) / repeats;
-            -0.5 * (fit.found.prior_cost + dearer.max(0.0)) - LOOK_ELSEWHERE * fit.hypothesis.installed.len() as f64
+            // Starts that hold less speak for it, one number more for each log but one against it (Akaike 1974).
+            let starts = search.cost_of_starts(fit) - search.cost_of_starts(&refit);
+            let more = search.bench.records.len().saturating_sub(1) as f64;
+            -0.5 * (fit.found.prior_cost + dearer.max(0.0) + starts) - more - LOOK_ELSEWHERE
         };
-        scores.extend(unbent.iter().map(score));
-        explanations.extend(unbent.iter().map(|fit| Explanation::by_fit(fit, 0.0, floor)));
+        for fit in set_in_each_log(search, &refit, without) {
+            scores.push(score(&fit));
+            explanations.push(Explanation::by_fit(&fit, 0.0, floor));
+        }
     }
-    scores.push(nothing);
+    scores.push(-0.5 * cost);
     let doubts = vec![NO_UNKNOWN; scores.len()];
     judged(Course::new(refit, explanations, scattered), &scores, &doubts)
 }
 
-/// Fits at the noise with ordinary numbers, where a refit came to it with numbers that no direction makes ordinary: what is another in each log, starts
-/// and numbers make up for between them.
-fn with_ordinary_numbers(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Vec<Candidate> {
-    let scales = search.bench.scales();
-    let is_of_each_log = |form: &Form| {
-        let parameters = (form.parameters)(&scales);
-        form.kind == Kind::Predictable && parameters.len() == 1 && parameters[0].per_log
-    };
+/// Fits at the noise with ordinary numbers and a sensor that was set anew for each log, where a refit came to it with numbers that are none: starts and
+/// numbers make up for such a zero or gain between them.
+fn set_in_each_log(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Vec<Candidate> {
     let effects = REGISTRY.iter().filter(|effect| !without.contains(&effect.id()));
     let forms = effects.flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)));
-    let fits = forms
-        .filter(|(_, form)| is_of_each_log(form))
-        .map(|(effect, form)| search.from_rest(&refit.hypothesis, effect, form));
-    let fits: Vec<Candidate> = fits.collect();
-    fits.into_iter().filter(|fit| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST).collect()
+    let fits = forms.filter_map(|(effect, form)| {
+        let hypothesis = refit.hypothesis.with(effect, form, &search.bench.scales());
+        let is_setting = hypothesis.installed.last().is_some_and(|installed| installed.is_setting());
+        is_setting.then(|| search.from_rest(hypothesis))
+    });
+    fits.filter(|fit| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST).collect()
 }
 
 /// What explanations of a gap are measured by.

@@ -1,6 +1,7 @@
 //! Variants of the plant (nominal, refitted, with effects) played on all logs, the held-out ones included.
 //!
-//! A log that no fit has seen gives one thing away: its start, from its first stretch, which is then not scored.
+//! A log that no fit has seen gives one thing away: how it begins, from its first stretch, which is then not scored. That is the plant's state, the
+//! phase of what swings, and how the sensor was set.
 
 use super::bench::{Bench, Freedom, Hypothesis, Installed, Record};
 use super::normal::reader;
@@ -66,9 +67,15 @@ impl<'a> Benches<'a> {
     /// What `variant` predicts for the held-out logs.
     pub fn play_held(&self, variant: &Variant) -> Vec<Played> {
         let Some(held) = &self.held else { return Vec::new() };
+        let variant = &self.as_usual(variant);
         let starts = self.starts(held, variant);
         let one = |(index, start): (usize, &Settled)| play_log(held, &variant.hypothesis, &start.z, index);
         starts.par_iter().enumerate().map(one).collect()
+    }
+
+    /// `variant` where it knows of other logs what is usual.
+    fn as_usual(&self, variant: &Variant) -> Variant {
+        Variant { hypothesis: variant.hypothesis.as_usual(&self.fitted, &variant.z), ..variant.clone() }
     }
 
     /// Where the held-out logs start with `variant`.
@@ -78,10 +85,11 @@ impl<'a> Benches<'a> {
         (0..held.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// Mean squares on the held-out rows that are scored, metres squared, one for each of independent numbers of unit sigma: where the first coordinates
-    /// of `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
+    /// Mean squares on the held-out rows that are scored, metres squared, one for each of independent numbers of unit sigma: where the coordinates of
+    /// `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
     pub fn spread_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> Vec<f64> {
         let Some(held) = &self.held else { return Vec::new() };
+        let variant = &self.as_usual(variant);
         let starts = self.starts(held, variant);
         let mut spread_m2 = starts_m2(held, &variant.hypothesis, &starts);
         // Changes add up row by row; along the axes of their products each has a power of its own.
@@ -90,8 +98,7 @@ impl<'a> Benches<'a> {
         spread_m2
     }
 
-    /// What the predictions for the held-out logs change on the rows that are scored when the first coordinates of `variant` are moved by each of
-    /// `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
+    /// What the predictions for the held-out logs change on the rows that are scored when the coordinates of `variant` are moved by each of `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
     fn moved_m2(&self, held: &Bench<'_>, variant: &Variant, starts: &[Settled], moves: &[Vec<f64>]) -> DMatrix<f64> {
         let zero = || DMatrix::zeros(moves.len(), moves.len());
         let hypothesis = &variant.hypothesis;
@@ -100,8 +107,9 @@ impl<'a> Benches<'a> {
             let moved = |by: &Vec<f64>| {
                 let mut there = variant.z.clone();
                 there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
-                let there = carry(&self.fitted, hypothesis, &there, held, hypothesis, false);
-                start.follow(held, hypothesis, there, index)
+                let hypothesis = hypothesis.as_usual(&self.fitted, &there);
+                let there = carry(&self.fitted, &hypothesis, &there, held, &hypothesis, false);
+                start.follow(held, &hypothesis, there, index)
             };
             let moved: Vec<Vec<f64>> = moves.iter().map(moved).collect();
             // All plants row by row beside each other: what each predicts for a long log need not be kept.
@@ -150,10 +158,14 @@ fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
 }
 
 impl Variant {
-    /// Effects of which parts belong to each log: the phase of a line, the size of a drift.
+    /// Effects of which parts belong to each log and to no other: the phase of a line, the size of a drift.
     pub fn with_own_parts(&self) -> impl Iterator<Item = &'static str> {
-        let is_own = |i: &&Installed| i.axes.iter().any(|axis| axis.parameter.per_log);
-        self.hypothesis.installed.iter().filter(is_own).map(|i| i.effect.id())
+        self.hypothesis.installed.iter().filter(|installed| installed.has_own_parts()).map(|i| i.effect.id())
+    }
+
+    /// Effects of which each log's first stretch tells its own parts.
+    pub fn told_at_once(&self) -> impl Iterator<Item = (usize, &Installed)> {
+        self.hypothesis.installed.iter().enumerate().filter(|(_, installed)| installed.is_told_at_once())
     }
 
     /// Whether there is such an effect.

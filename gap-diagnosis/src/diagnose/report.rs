@@ -25,11 +25,13 @@ impl Diagnosis {
     /// The verdict in one sentence.
     pub fn sentence(&self) -> String {
         let gap = &self.gap;
-        let [low, high] = gap.shrink_percent_ci95;
         let taken = if gap.headline == "held-out log" { "a log never shown" } else { "stretches that no fit has seen" };
         let shrink = format!(
-            "the model's rms error on {taken} goes from {:.4} to {:.4} um, {:.1} % less [{low:.1}, {high:.1}] (noise {:.4} um)",
-            gap.nominal_rms_um, gap.augmented_rms_um, gap.shrink_percent, gap.noise_rms_um
+            "the model's rms error on {taken} goes from {:.4} to {:.4} um, {} (noise {:.4} um)",
+            gap.nominal_rms_um,
+            gap.augmented_rms_um,
+            less(gap.shrink_percent, gap.shrink_percent_ci95),
+            gap.noise_rms_um
         );
         match self.verdict {
             Verdict::NoGap => {
@@ -330,9 +332,24 @@ fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
     })
 }
 
+/// By how much an error shrank, with its interval, or by how much it grew.
+fn less(shrink_percent: f64, [low, high]: [f64; 2]) -> String {
+    if shrink_percent < 0.0 {
+        format!("{:.1} % more [{:.1}, {:.1}]", -shrink_percent, -high, -low)
+    } else {
+        format!("{shrink_percent:.1} % less [{low:.1}, {high:.1}]")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_that_grows_is_no_shrink() {
+        assert_eq!(less(97.64, [97.0, 97.8]), "97.6 % less [97.0, 97.8]");
+        assert_eq!(less(-4.4, [-7.2, 0.8]), "4.4 % more [-0.8, 7.2]");
+    }
 
     #[test]
     fn a_rival_that_misses_a_part_of_the_gap_is_said_to() {

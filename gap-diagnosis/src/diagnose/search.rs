@@ -189,9 +189,8 @@ impl Search<'_> {
         normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
     }
 
-    /// `form` beside the nominal numbers, all logs starting at rest, fitted from there.
-    pub fn from_rest(&self, nominal: &Hypothesis, effect: &'static dyn Effect, form: &'static Form) -> Candidate {
-        let hypothesis = nominal.with(effect, form, &self.bench.scales());
+    /// A hypothesis from the nominal numbers, all logs starting at rest and its forms at nothing.
+    pub fn from_rest(&self, hypothesis: Hypothesis) -> Candidate {
         let z = self.bench.origin(&hypothesis);
         self.led_by_others(self.descend(&hypothesis, z, &STAGES))
     }
@@ -430,6 +429,17 @@ impl Search<'_> {
         let other = self.descend(&candidate.hypothesis, z, &stages);
         let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
         if total(&other) < total(&candidate) { other } else { candidate }
+    }
+
+    /// Squares of what all starts hold, in units of their priors.
+    pub fn cost_of_starts(&self, candidate: &Candidate) -> f64 {
+        let (bench, Candidate { hypothesis, found, .. }) = (self.bench, candidate);
+        let rules = bench.rules(hypothesis);
+        let of_log = |index| {
+            let at = bench.own_start(hypothesis, index);
+            at..at + bench.start_count(hypothesis)
+        };
+        (0..bench.records.len()).flat_map(of_log).map(|place| rules[place].cost(found.z[place])).sum()
     }
 
     /// Readings that make one independent one, by what `candidate` leaves.

@@ -102,8 +102,7 @@ impl Settled {
     /// nothing make up for what the others imitate, if they must.
     pub fn follow(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, mut z: Vec<f64>, index: usize) -> Vec<f64> {
         let stretch = FirstStretch::new(bench, hypothesis, index);
-        let own = stretch.at..stretch.at + stretch.rules.len();
-        z[own.clone()].copy_from_slice(&self.z[own]);
+        stretch.places.iter().for_each(|place| z[*place] = self.z[*place]);
         let relaxed = (self.memories < stretch.memories).then(|| stretch.relaxed().settled(z.clone()));
         let all = std::iter::once(stretch.settled(z.clone())).chain(relaxed).collect();
         most_probable(all).map_or(z, |settled| settled.z)
@@ -119,7 +118,7 @@ impl Settled {
             let there = |share: f64| {
                 let (mut z, mut held) = (self.z.clone(), FirstStretch::new(bench, hypothesis, index));
                 let Rule { sigma, bounds: [low, high], .. } = stretch.rules[place];
-                let at = &mut z[stretch.at + place];
+                let at = &mut z[stretch.places[place]];
                 *at = (*at + sign * share * sigma).clamp(low, high);
                 held.rules[place] = Rule { centre: *at, sigma: PINNED * sigma, ..held.rules[place] };
                 held.settled(z)
@@ -132,7 +131,7 @@ impl Settled {
             there(reach(cost)).z
         };
         // Of a start that is hardly relaxed by chance nothing is open.
-        let open = if self.memories < stretch.memories { 0 } else { stretch.rules.len() };
+        let open = if self.memories < stretch.memories { 0 } else { stretch.starts };
         (0..open).map(|place| [1.0, -1.0].map(|sign| way(place, sign))).collect()
     }
 }
@@ -182,9 +181,11 @@ struct FirstStretch<'b> {
     index: usize,
     /// Its rows.
     rows: Range<usize>,
-    /// Where the start's coordinates begin, and what holds for each.
-    at: usize,
+    /// Where its coordinates are, and what holds for each: those of the start, then the forms' own.
+    places: Vec<usize>,
     rules: Vec<Rule>,
+    /// How many are the start's.
+    starts: usize,
     /// Hysterons that may hold something.
     memories: usize,
 }
@@ -193,24 +194,27 @@ impl<'b> FirstStretch<'b> {
     fn new(bench: &'b Bench<'b>, hypothesis: &'b Hypothesis, index: usize) -> Self {
         let record = &bench.records[index];
         let rows = record.run_in..scored_from(record).max(record.run_in + 16).min(record.log.len());
-        let at = bench.own_start(hypothesis, index);
-        let rules = bench.rules(hypothesis)[at..at + bench.start_count(hypothesis)].to_vec();
+        let (places, starts) = (bench.told_by_start(hypothesis, index), bench.start_count(hypothesis));
+        let all = bench.rules(hypothesis);
+        // A step of any size is none to scale by.
+        let within = |rule: Rule| Rule { most: rule.most.min(rule.bounds[1] - rule.bounds[0]), ..rule };
+        let rules = places.iter().map(|place| within(all[*place])).collect();
         let hysterons = if hypothesis.freedom == Freedom::Relaxed { 0 } else { bench.hysterons(hypothesis) };
-        Self { bench, hypothesis, index, rows, at, rules, memories: hysterons }
+        Self { bench, hypothesis, index, rows, places, rules, starts, memories: hysterons }
     }
 
     /// The same with hysterons that hold nothing.
     fn relaxed(&self) -> Self {
         let mut rules = self.rules.clone();
         rules.iter_mut().skip(1).take(self.memories).for_each(|rule| rule.sigma *= PINNED);
-        Self { rules, memories: 0, rows: self.rows.clone(), ..*self }
+        Self { rules, memories: 0, rows: self.rows.clone(), places: self.places.clone(), ..*self }
     }
 
     /// Where the start settles from `z` as it is and from every corner beside it.
     fn settlings(&self, z: Vec<f64>) -> impl Iterator<Item = Settled> {
         corners(self.memories).into_iter().map(move |edges| {
             let mut there = z.clone();
-            there[self.at..].iter_mut().skip(1).zip(edges).for_each(|(z, edge)| *z += edge);
+            self.places.iter().skip(1).zip(edges).for_each(|(place, edge)| there[*place] += edge);
             self.settled(there)
         })
     }
@@ -227,13 +231,13 @@ impl<'b> FirstStretch<'b> {
 
     /// How the predictions change with each coordinate, where `here` are the residuals at `z`.
     fn sensitivities(&self, z: &[f64], here: &[f64]) -> Vec<Vec<f64>> {
-        let column = |(i, rule): (usize, &Rule)| {
+        let column = |(&place, rule): (&usize, &Rule)| {
             let mut there = z.to_vec();
-            let step = rule.inward_step(z[self.at + i]);
-            there[self.at + i] += step;
+            let step = rule.inward_step(z[place]);
+            there[place] += step;
             self.residuals(&there).iter().zip(here).map(|(moved, unmoved)| (unmoved - moved) / step).collect()
         };
-        self.rules.iter().enumerate().map(column).collect()
+        self.places.iter().zip(&self.rules).map(column).collect()
     }
 
     /// Information and gradient of the start with its priors, where a row weighs `weight`.
@@ -241,22 +245,27 @@ impl<'b> FirstStretch<'b> {
         let count = self.rules.len();
         let mut information = DMatrix::from_fn(count, count, |i, j| weight * dot(&columns[i], &columns[j]));
         let mut gradient = DVector::from_fn(count, |i, _| weight * dot(&columns[i], here));
-        add_priors(&self.rules, &z[self.at..], &mut information, &mut gradient);
+        add_priors(&self.rules, &self.own(z), &mut information, &mut gradient);
         (information, gradient)
     }
 
     /// `z` with the start moved by a `share` of `change`, as far as its rules allow.
     fn moved(&self, z: &[f64], change: &[f64], share: f64) -> Vec<f64> {
         let mut there = z.to_vec();
-        for ((z, rule), by) in there[self.at..].iter_mut().zip(&self.rules).zip(change) {
+        for ((&place, rule), by) in self.places.iter().zip(&self.rules).zip(change) {
             let step = (share * by).clamp(-rule.most, rule.most);
-            *z = (*z + step).clamp(rule.bounds[0], rule.bounds[1]);
+            there[place] = (there[place] + step).clamp(rule.bounds[0], rule.bounds[1]);
         }
         there
     }
 
+    /// The coordinates of `z` that are its own.
+    fn own(&self, z: &[f64]) -> Vec<f64> {
+        self.places.iter().map(|place| z[*place]).collect()
+    }
+
     fn prior(&self, z: &[f64]) -> f64 {
-        self.rules.iter().zip(&z[self.at..]).map(|(rule, &z)| rule.cost(z)).sum()
+        self.rules.iter().zip(self.own(z)).map(|(rule, z)| rule.cost(z)).sum()
     }
 
     /// One descent from `z`.
@@ -285,7 +294,7 @@ impl<'b> FirstStretch<'b> {
                 (columns, is_fresh) = (self.sensitivities(&z, &here), true);
                 continue;
             };
-            let moved: Vec<f64> = (0..self.rules.len()).map(|i| there[self.at + i] - z[self.at + i]).collect();
+            let moved: Vec<f64> = self.places.iter().map(|place| there[*place] - z[*place]).collect();
             let foreseen: Vec<f64> = (0..here.len())
                 .map(|row| here[row] - columns.iter().zip(&moved).map(|(c, by)| c[row] * by).sum::<f64>())
                 .collect();
@@ -326,6 +335,7 @@ mod tests {
     use super::*;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
+    use plant_sim::effects::find;
     use plant_sim::log::{Hold, Log};
     use plant_sim::model::Model;
     use plant_sim::replay::{Start, predict};
@@ -386,6 +396,21 @@ mod tests {
         let (memories, missed, open) = sought_for(&[0.3, -0.2]);
         assert_eq!(memories, 2);
         assert!(missed > 3.0 && missed < 3.0 * open, "{missed} {open}");
+    }
+
+    #[test]
+    fn the_first_stretch_tells_how_the_sensor_was_set() {
+        let (model, mut log) = log(&[0.0, 0.0]);
+        log.displacement_m.iter_mut().for_each(|y| *y += 2e-6);
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let effect = find("sensor_offset").expect("an entry");
+        let form = effect.forms().iter().find(|form| form.name == "constant-in-each-log").expect("a form");
+        let set = Hypothesis::nominal(Freedom::Rest).with(effect, form, &bench.scales());
+        let found = sought(&bench, &set, bench.origin(&set), 0);
+        let zero_m = bench.values(&set, &found.z, 0)[0][0];
+        assert!((zero_m - 2e-6).abs() < 2e-9, "{zero_m:e}");
+        // Nothing of the start is open, and the zero is no part of it.
+        assert!(found.memories == 0 && found.left_open(&bench, &set, 0).is_empty());
     }
 
     #[test]

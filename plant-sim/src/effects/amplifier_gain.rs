@@ -30,7 +30,7 @@ const ABOUT: About = About {
 /// What a supply ripples with: the mains and twice the mains, as a rectifier makes it.
 fn ripple(_: &Scales<'_>) -> Vec<Parameter> {
     ["cos_1_share", "sin_1_share", "cos_2_share", "sin_2_share"]
-        .map(|name| Parameter::signed(name, "", 0.3, 0.005).of_each_log())
+        .map(|name| Parameter::signed(name, "", 0.3, 0.005).told_at_once())
         .to_vec()
 }
 

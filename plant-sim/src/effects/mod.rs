@@ -249,6 +249,8 @@ pub struct Parameter {
     pub role: Role,
     /// Whether every log has its own (the phase of a line).
     pub per_log: bool,
+    /// Whether the first stretch of a log tells its own, as it tells the start: a phase does, the size of a drift that is still to come doesn't.
+    pub is_told_at_once: bool,
 }
 
 /// What a parameter does to a prediction.
@@ -265,17 +267,17 @@ pub enum Role {
 impl Parameter {
     /// An amplitude between `low` and `high` that is typically `typical`.
     pub fn amplitude(name: &'static str, unit: &'static str, [low, high]: [f64; 2], typical: f64) -> Self {
-        Self { name, unit, bounds: [low, high], role: Role::Amplitude(typical), per_log: false }
+        Self { name, unit, bounds: [low, high], role: Role::Amplitude(typical), per_log: false, is_told_at_once: false }
     }
 
     /// A positive shape with values to start from.
     pub fn shape(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
-        Self { name, unit, bounds, role: Role::Shape(starts), per_log: false }
+        Self { name, unit, bounds, role: Role::Shape(starts), per_log: false, is_told_at_once: false }
     }
 
     /// A shape that may have either sign, with values to start from.
     pub fn place(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
-        Self { name, unit, bounds, role: Role::Place(starts), per_log: false }
+        Self { name, unit, bounds, role: Role::Place(starts), per_log: false, is_told_at_once: false }
     }
 
     /// An amplitude of either sign, at most `largest`.
@@ -286,6 +288,11 @@ impl Parameter {
     /// The same, one for every log.
     pub fn of_each_log(self) -> Self {
         Self { per_log: true, ..self }
+    }
+
+    /// The same, which the first stretch of a log tells.
+    pub fn told_at_once(self) -> Self {
+        Self { is_told_at_once: true, ..self.of_each_log() }
     }
 }
 

@@ -174,5 +174,5 @@ pub(super) fn either(a: f64, b: f64) -> f64 {
 
 /// A cosine and a sine amplitude of every log, at most `largest` and typically `typical`.
 pub(super) fn phasor(names: [&'static str; 2], unit: &'static str, largest: f64, typical: f64) -> [Parameter; 2] {
-    names.map(|name| Parameter::signed(name, unit, largest, typical).of_each_log())
+    names.map(|name| Parameter::signed(name, unit, largest, typical).told_at_once())
 }

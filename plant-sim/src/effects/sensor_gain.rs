@@ -65,7 +65,7 @@ pub(super) fn swings(p: &[f64]) -> impl Iterator<Item = Swing> {
 
 const FORMS: &[Form] = &[
     Form::predictable("gain", |_| vec![relative_gain()], turn),
-    Form::predictable("gain-of-each-log", |_| vec![relative_gain().of_each_log()], turn),
+    Form::predictable("gain-of-each-log", |_| vec![relative_gain().told_at_once()], turn),
     Form::predictable("by-side", half_difference, skew),
     Form::predictable(
         "settling",

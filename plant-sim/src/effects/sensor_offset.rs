@@ -30,5 +30,5 @@ fn shift(chain: &mut Chain, p: &[f64]) {
 
 const FORMS: &[Form] = &[
     Form::predictable("constant", |scales| vec![offset(scales)], shift),
-    Form::predictable("constant-in-each-log", |scales| vec![offset(scales).of_each_log()], shift),
+    Form::predictable("constant-in-each-log", |scales| vec![offset(scales).told_at_once()], shift),
 ];
