@@ -289,6 +289,10 @@ fn a_zero_that_wanders_bends_no_number() {
     assert_eq!(list(&found["effects"]), ["sensor_offset"], "{}", found["ranking"]);
     assert_eq!(list(&found["set90"]), ["sensor_offset"], "{}", found["ranking"]);
     assert_eq!(found["changed"].as_array().map(Vec::len), Some(0), "{}", found["changed"]);
+    // A log never shown has a zero of its own as well, which its first stretch tells.
+    let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
+    let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
+    assert!(shrink > 98.0 && (shrink - predicted).abs() < 1.0, "{shrink} against {predicted} % predicted");
 }
 
 /// What is predicted of logs never shown happens there, though a hum hides where they start, and a payload has led the refit far off.
@@ -303,7 +307,7 @@ fn the_predicted_shrink_is_realised() {
         assert!(shrink > 70.0 && (shrink - predicted).abs() < 5.0, "{shrink} against {predicted} % predicted");
         let [low, high] = [0, 1].map(|at| found["gap"]["predicted_shrink_percent_ci95"][at].as_f64().expect("a bound"));
         assert!(low <= predicted && predicted <= high, "{predicted} in [{low}, {high}]");
-        // A hum meets the plant's difference in a phase that nobody knows, which is worth a fraction of a point.
+        // A hum meets the plant's difference in a phase of its own, which is worth a fraction of a point.
         assert!(low - 0.5 < shrink && shrink < high + 0.5, "{shrink} in [{low}, {high}]");
     }
 }
