@@ -274,10 +274,8 @@ impl Augmented {
             return Vec::new();
         }
         let rules = bench.rules(hypothesis);
-        let open = |index: &usize| {
-            let at = bench.own_start(hypothesis, *index);
-            (at..at + bench.start_count(hypothesis)).any(|place| self.sigma(place) > UNDETERMINED * rules[place].sigma)
-        };
+        let is_open = |place: usize| self.sigma(place) > UNDETERMINED * rules[place].sigma;
+        let open = |index: &usize| bench.start_places(hypothesis, *index).any(is_open);
         (0..bench.records.len()).filter(open).map(|index| bench.records[index].log.name.clone()).collect()
     }
 }

@@ -9,6 +9,7 @@ use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 /// Relative standard deviation of a nominal number whose source gives none.
 const SIGMA: f64 = 0.02;
@@ -439,13 +440,18 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// Where the coordinates of log `index`'s start are.
+    pub(super) fn start_places(&self, hypothesis: &Hypothesis, index: usize) -> Range<usize> {
+        let at = self.own_start(hypothesis, index);
+        at..at + self.start_count(hypothesis)
+    }
+
     /// Coordinates of log `index` that its first stretch tells: those of the start, then the forms' own.
     pub(super) fn told_by_start(&self, hypothesis: &Hypothesis, index: usize) -> Vec<usize> {
-        let at = self.own_start(hypothesis, index);
         let axes = hypothesis.installed.iter().flat_map(|installed| &installed.axes);
         let places = self.places(hypothesis, index).into_iter().flatten();
         let own = axes.zip(places).filter(|(axis, _)| axis.parameter.is_told_at_once).map(|(_, place)| place);
-        (at..at + self.start_count(hypothesis)).chain(own).collect()
+        self.start_places(hypothesis, index).chain(own).collect()
     }
 
     /// Coordinates of each log.
@@ -474,7 +480,7 @@ impl<'a> Bench<'a> {
     /// Where each axis of the hypothesis sits: for log `index`, the coordinates of its axes, form by form.
     pub fn places(&self, hypothesis: &Hypothesis, index: usize) -> Vec<Vec<usize>> {
         let mut shared = self.free.len();
-        let mut own = self.own_start(hypothesis, index) + self.start_count(hypothesis);
+        let mut own = self.start_places(hypothesis, index).end;
         let place = |axis: &Axis| {
             let next = if axis.parameter.per_log { &mut own } else { &mut shared };
             *next += 1;

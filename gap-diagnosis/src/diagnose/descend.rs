@@ -150,8 +150,7 @@ fn held(bench: &Bench<'_>, hypothesis: &Hypothesis, rules: &[Rule], start: &[f64
                 held[place] = Rule { centre: start[place], sigma: HELD_SHAPE, ..rules[place] };
             }
         }
-        let at = bench.own_start(hypothesis, index);
-        for rule in &mut held[at..at + bench.start_count(hypothesis)] {
+        for rule in &mut held[bench.start_places(hypothesis, index)] {
             rule.sigma *= HELD;
         }
     }

@@ -157,7 +157,7 @@ fn set_in_each_log(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> 
     let fits = forms.filter_map(|(effect, form)| {
         let hypothesis = refit.hypothesis.with(effect, form, &search.bench.scales());
         let is_setting = hypothesis.installed.last().is_some_and(|installed| installed.is_setting());
-        is_setting.then(|| search.from_rest(hypothesis))
+        is_setting.then(|| search.led_by_others(search.from_rest(&hypothesis)))
     });
     fits.filter(|fit| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST).collect()
 }

@@ -176,9 +176,12 @@ impl Search<'_> {
 
     /// The nominal plant, refitted under its priors.
     pub fn refit(&self, freedom: Freedom) -> Candidate {
-        let hypothesis = Hypothesis::nominal(freedom);
-        let z = self.bench.origin(&hypothesis);
-        self.descend(&hypothesis, z, &STAGES)
+        self.from_rest(&Hypothesis::nominal(freedom))
+    }
+
+    /// A hypothesis fitted from the nominal numbers, all logs starting at rest and its forms at nothing.
+    pub fn from_rest(&self, hypothesis: &Hypothesis) -> Candidate {
+        self.descend(hypothesis, self.bench.origin(hypothesis), &STAGES)
     }
 
     /// Mean square that the nominal numbers leave, starts settled, in units of the noise.
@@ -187,12 +190,6 @@ impl Search<'_> {
         self.settle(nominal, &mut z);
         let normal = evaluate(self.bench, nominal, &z, Sensitivities::None, self.simulations);
         normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
-    }
-
-    /// A hypothesis from the nominal numbers, all logs starting at rest and its forms at nothing.
-    pub fn from_rest(&self, hypothesis: Hypothesis) -> Candidate {
-        let z = self.bench.origin(&hypothesis);
-        self.led_by_others(self.descend(&hypothesis, z, &STAGES))
     }
 
     /// Fits the start of every log, everything else held.
@@ -435,11 +432,8 @@ impl Search<'_> {
     pub fn cost_of_starts(&self, candidate: &Candidate) -> f64 {
         let (bench, Candidate { hypothesis, found, .. }) = (self.bench, candidate);
         let rules = bench.rules(hypothesis);
-        let of_log = |index| {
-            let at = bench.own_start(hypothesis, index);
-            at..at + bench.start_count(hypothesis)
-        };
-        (0..bench.records.len()).flat_map(of_log).map(|place| rules[place].cost(found.z[place])).sum()
+        let places = (0..bench.records.len()).flat_map(|index| bench.start_places(hypothesis, index));
+        places.map(|place| rules[place].cost(found.z[place])).sum()
     }
 
     /// Readings that make one independent one, by what `candidate` leaves.

@@ -64,10 +64,10 @@ pub(super) fn sought(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, in
 /// The start of log `index` anew, wherever it was: from rest and from all of these places, that which suits the whole log best, as the first stretch
 /// need not tell what a hysteron holds that moves later.
 pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
-    let (at, count) = (bench.own_start(hypothesis, index), bench.start_count(hypothesis));
+    let start = bench.start_places(hypothesis, index);
     let record = &bench.records[index];
     let mut from = z.to_vec();
-    from[at..at + count].copy_from_slice(&bench.origin(hypothesis)[at..at + count]);
+    from[start.clone()].copy_from_slice(&bench.origin(hypothesis)[start]);
     let mut least2 = f64::INFINITY;
     for settled in FirstStretch::new(bench, hypothesis, index).settlings(from) {
         let played = play_log(bench, hypothesis, &settled.z, index);
