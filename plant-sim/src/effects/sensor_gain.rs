@@ -7,7 +7,8 @@ effect!(SensorGain, "sensor_gain", Sensor);
 
 const ABOUT: About = About {
     title: "sensor gain",
-    what: "The reading is a fixed share larger or smaller than the displacement.",
+    what: "The reading is a fixed share larger or smaller than the displacement, another one in each log where the range is set \
+           anew.",
     equation: "y = (1 + g) q, or, while the instrument warms up, y = (1 + g (1 - exp(-t / tau))) q, or y = q + s |q|, \
                where either side has a gain of its own, or, where it wanders, y = (1 + sum g_k (1 - cos(pi k t / T))) q, k = 1 to 6; q: displacement, y: reading, g: relative \
                gain error, s: half of the difference between the sides, t: time since the log's start, tau: time constant, T: length of the longest log. The first is by \
