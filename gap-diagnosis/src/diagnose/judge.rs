@@ -284,6 +284,10 @@ impl<'a> Judge<'a> {
         }
         let alone = bent(self.refit, self.floor);
         let mut sure = by_symmetry(directions.sure, self.refit, rest, alone, self.without, 0.0);
+        // Shifts that it does not pay for are as little explained as a log or an octave that a fit misses.
+        for explanation in &mut sure {
+            explanation.judged.of_worst = explanation.freed.iter().map(Freed::unexplained).fold(0.0, f64::max);
+        }
         if !directions.pairs.is_empty() {
             pay_for_shifts(&mut sure, |_| true);
         }

@@ -6,6 +6,7 @@
 
 use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
 use super::descend::Found;
+use super::refit::BENT_COST;
 use super::search::{Candidate, Search};
 use crate::identify::parameters::Quantity;
 use nalgebra::{DMatrix, DVector};
@@ -55,6 +56,11 @@ impl Freed {
     /// Chi-square that freeing the direction saves.
     pub fn gain(&self) -> f64 {
         self.cost_without - self.cost
+    }
+
+    /// Fraction of the shifts' cost, as amplitude, that stays once the direction is free, and that shifts within their sigmas do not have.
+    pub fn unexplained(&self) -> f64 {
+        ((self.cost - BENT_COST).max(0.0) / self.cost_without.max(f64::MIN_POSITIVE)).sqrt()
     }
 
     fn is(&self, (effect, quantity, _): &Direction) -> bool {
