@@ -137,7 +137,10 @@ fn bounds_and_starts_make_sense_on_every_rig() {
                     }
                     Role::Place(starts) => assert!(!starts.is_empty() && starts.iter().all(|s| inside(*s)), "{at}"),
                 }
-                assert!(!p.per_log || matches!(p.role, Role::Amplitude(_)), "a file leaves it out as zero: {at}");
+                assert!(
+                    !p.is_of_each_log() || matches!(p.role, Role::Amplitude(_)),
+                    "a file leaves it out as zero: {at}"
+                );
                 let suffix = suffix(p.unit).unwrap_or_else(|| panic!("unknown unit: {at}"));
                 assert!(p.name.ends_with(suffix), "the name ends in its unit: {at}");
                 // Whatever a diagnosis finds may stand in a file.

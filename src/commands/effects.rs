@@ -108,7 +108,7 @@ fn row(parameter: &Parameter) -> [String; 3] {
         }
     };
     let unit = if parameter.unit.is_empty() { String::new() } else { format!(" {}", parameter.unit) };
-    let own = if parameter.per_log { "; of each log" } else { "" };
+    let own = if parameter.is_of_each_log() { "; of each log" } else { "" };
     [parameter.name.to_owned(), format!("{low} .. {high}{unit}"), values + own]
 }
 

@@ -263,7 +263,7 @@ pub(super) fn answer(
     if verdict == Verdict::Explained && found.variant.has_own_parts() {
         let own: Vec<&str> = found.variant.with_own_parts().collect();
         warnings.push(format!(
-            "{}: its size belongs to each log, so no plant predicts it on another one and no shrink is promised there",
+            "{}: its size belongs to each log, of which another one is expected to have what these have in common, and nothing tells the rest beforehand",
             own.join(", ")
         ));
     }
@@ -309,10 +309,10 @@ pub(super) fn answer(
     }
 }
 
-/// Whether one plant within the stated uncertainties suits fitted and held-out logs together. It is asked of a verdict of no gap, and
+/// Whether one plant within the stated uncertainties suits all rows together, fitted and held out. It is asked of a verdict of no gap, and
 /// nothing else is made of the fit.
 fn is_one_plant(search: &Search<'_>, course: &Course, benches: &Benches<'_>) -> bool {
-    let bench = Bench::new(search.bench.model, benches.records().cloned().collect());
+    let bench = Bench::new(search.bench.model, benches.records().cloned().map(Record::whole).collect());
     let search = Search { bench: &bench, simulations: search.simulations };
     !has_gap(&refitted(&search, course.refit.hypothesis.freedom))
 }
@@ -326,10 +326,8 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
     let played = benches.play(&refit);
     let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
     let not_portable = if found.variant.has_own_parts() {
-        let mut silent = found.variant.part(fitted, true, |installed| !installed.has_own_parts());
-        silent.starts_known = true;
-        let silent = benches.play(&silent);
-        let parts = augmented.iter().zip(&silent).zip(&fitted.records);
+        let by_others = benches.play_fitted(&found.variant.as_others(fitted));
+        let parts = augmented.iter().zip(&by_others).zip(&fitted.records);
         let lasts_s = |record: &Record<'_>| record.log.len() as f64 * record.log.dt_s;
         let held_s: Vec<f64> = benches.held.iter().flat_map(|held| &held.records).map(lasts_s).collect();
         let of_log = |((with, without), record): ((&Played, &Played), &Record<'_>)| {

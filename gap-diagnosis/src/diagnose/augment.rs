@@ -10,7 +10,7 @@ use super::starts::reach;
 use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
 use nalgebra::{DMatrix, DVector, DVectorView};
-use plant_sim::effects::find;
+use plant_sim::effects::{Parameter, Scope, find};
 use plant_sim::model::Model;
 use plant_sim::param::Param;
 use serde::Serialize;
@@ -123,6 +123,8 @@ impl Augmented {
         let Candidate { hypothesis, found, .. } = fit;
         let covariance = covariance(search.bench, &hypothesis, &found, &weights);
         let left_out_m2 = left_out_m2(search.bench, &hypothesis, &found, &weights);
+        let hypothesis =
+            hypothesis.knowing(search.bench, &found.normal.logs.iter().map(|log| &log.products).collect::<Vec<_>>());
         let variant = Variant { hypothesis, z: found.z, starts_known: true };
         Self { variant, covariance, left_out_m2, weights, freed, random }
     }
@@ -196,7 +198,7 @@ impl Augmented {
                     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| all.iter().map(of).sum::<f64>() / logs as f64;
                     let middle = mean(&|(value, _)| *value);
                     (middle, mean(&|(value, sigma)| (value - middle).powi(2) + sigma.powi(2)).sqrt())
-                } else if parameter.per_log {
+                } else if parameter.is_of_each_log() {
                     let mean2 = |of: &dyn Fn((f64, f64)) -> f64| {
                         ((0..logs).map(|index| of(one(index)).powi(2)).sum::<f64>() / logs as f64).sqrt()
                     };
@@ -242,7 +244,8 @@ impl Augmented {
         bench.free.iter().map(|free| free.quantity).filter(|quantity| names.contains(&quantity.name())).collect()
     }
 
-    /// The model file. What every log has of its own belongs to no plant and is left out, but for a setting, which is that in the mean.
+    /// The model file. What every log has of its own belongs to no plant and is left out, but for what they have in common: a setting is that in the
+    /// mean, a drift that comes back is what to expect of another one.
     pub fn model(&self, bench: &Bench<'_>, source: &str) -> Model {
         let mut model = bench.model.clone();
         model.name = format!("{}, diagnosed", model.name);
@@ -251,12 +254,20 @@ impl Augmented {
         }
         let estimates = self.estimates(bench);
         let mut next = estimates.iter();
-        for installed in &self.variant.hypothesis.installed {
+        for installed in &self.variant.hypothesis.as_usual(bench, &self.variant.z).installed {
             let own: Vec<&Estimate> = next.by_ref().take(installed.axes.len()).collect();
             model = model.with_effect(installed.effect, installed.form, &params(&own, source));
-            for axis in installed.axes.iter().filter(|axis| axis.parameter.per_log && !installed.is_setting()) {
-                if let Some(section) = model.effects.last_mut() {
-                    section.parameters.remove(axis.parameter.name);
+            let Some(section) = model.effects.last_mut() else { continue };
+            for axis in installed.axes.iter().filter(|_| !installed.is_setting()) {
+                let Parameter { name, scope, .. } = axis.parameter;
+                match (scope, axis.usual()) {
+                    (Scope::AllLogs, _) => {}
+                    (Scope::EachLog, Some([expected, spread])) if expected != 0.0 => {
+                        section.parameters.insert(name.to_owned(), Param::absolute(expected, spread, source));
+                    }
+                    _ => {
+                        section.parameters.remove(name);
+                    }
                 }
             }
         }
@@ -280,7 +291,7 @@ impl Augmented {
     }
 }
 
-fn estimate(effect: &str, parameter: &plant_sim::effects::Parameter, value: f64, sigma: f64) -> Estimate {
+fn estimate(effect: &str, parameter: &Parameter, value: f64, sigma: f64) -> Estimate {
     Estimate {
         effect: effect.to_owned(),
         name: parameter.name.to_owned(),

@@ -4,7 +4,7 @@
 use crate::identify::parameters::{Free, Quantity, Scale};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plant_sim::chain::{Chain, Drive, Parts, Sensor};
-use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales, Scope};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
@@ -19,8 +19,6 @@ const BOUND: f64 = 1.5;
 const LEAST_REACH: f64 = 0.1;
 /// Width of what a hysteron holds that only motions near the rig's end fill, as atanh of a share of the most; one for the others.
 const SELDOM: f64 = 0.5;
-/// Least width of what other logs have of a number, in typical sizes.
-const LEAST_WIDTH: f64 = 0.01;
 /// Thinnings that are tried, and the rows that the plant's own period keeps.
 const FACTORS: [usize; 2] = [4, 2];
 const ROWS_PER_PERIOD: f64 = 6.0;
@@ -43,8 +41,8 @@ pub struct Record<'a> {
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
     pub before_v: [f64; 2],
-    /// Every fifth stretch of this many rows is never fitted, only scored.
-    pub stretch: usize,
+    /// Every fifth stretch of this many rows is never fitted, only scored; none where other logs are there to score.
+    pub held_stretch: Option<usize>,
     /// Rows that repeat the reading before, though readings have digits of their own: they were lost and are not fitted. Empty where none
     /// is.
     pub is_lost: Vec<bool>,
@@ -53,10 +51,15 @@ pub struct Record<'a> {
 }
 
 impl Record<'_> {
+    /// The same log with all of its rows fitted.
+    pub fn whole(self) -> Self {
+        Self { held_stretch: None, ..self }
+    }
+
     /// Whether row `k` is kept from the fits.
     #[inline]
     pub fn holds_out(&self, k: usize) -> bool {
-        (k / self.stretch) % 5 == 3
+        self.held_stretch.is_some_and(|rows| (k / rows) % 5 == 3)
     }
 
     /// Whether row `k` only repeats the one before.
@@ -113,17 +116,24 @@ pub struct Installed {
     pub hysterons: usize,
     /// Whether it has a memory besides, a play or a presliding friction.
     pub remembers: bool,
+    /// Products of the sensitivities to what belongs to each log, of each log, metres squared; none where that is not known.
+    pub(super) squares_of_own: Vec<DMatrix<f64>>,
 }
 
 impl Installed {
     /// Whether parts of it belong to each log, and neither another one nor its own first stretch tells them.
     pub fn has_own_parts(&self) -> bool {
-        self.axes.iter().any(|axis| axis.parameter.per_log && !axis.parameter.is_told_at_once)
+        self.axes.iter().any(|axis| axis.parameter.scope == Scope::EachLog)
     }
 
     /// Whether the first stretch of each log tells parts of it.
     pub fn is_told_at_once(&self) -> bool {
-        self.axes.iter().any(|axis| axis.parameter.is_told_at_once)
+        self.axes.iter().any(|axis| axis.parameter.scope == Scope::EachStart)
+    }
+
+    /// Numbers of the axes of this scope.
+    pub(super) fn of_scope(&self, scope: Scope) -> Vec<usize> {
+        (0..self.axes.len()).filter(|number| self.axes[*number].parameter.scope == scope).collect()
     }
 
     /// Whether it is how something was set before each log: one number that stays.
@@ -140,7 +150,7 @@ pub struct Axis {
     /// What one coordinate unit is worth (amplitudes and places).
     unit: f64,
     /// Mean and width of what other logs have of it, as coordinates; none where nothing is known of it.
-    usual: Option<[f64; 2]>,
+    pub(super) usual: Option<[f64; 2]>,
 }
 
 impl Axis {
@@ -189,6 +199,12 @@ impl Axis {
         self.parameter.bounds.map(|bound| self.coordinate(bound))
     }
 
+    /// What another log may be expected to have and how logs differ in it, if that is known.
+    pub fn usual(&self) -> Option<[f64; 2]> {
+        // The width of its prior is twice as much.
+        self.usual.map(|[z, width]| [self.value(z), 0.5 * width * self.slope(z).abs()])
+    }
+
     /// Change of the value for one of the coordinate, at `z`.
     pub fn slope(&self, z: f64) -> f64 {
         if matches!(self.parameter.role, Role::Shape(_)) { self.value(z) } else { self.unit }
@@ -220,29 +236,9 @@ impl Hypothesis {
         let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
         let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
         let mut installed = self.installed.clone();
-        installed.push(Installed { effect, form, axes, hysterons, remembers });
+        installed.push(Installed { effect, form, axes, hysterons, remembers, squares_of_own: Vec::new() });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, freedom }
-    }
-
-    /// This where what the first stretch of another log tells of its own is what the logs of `bench` have at `z`, give or take twice how these differ.
-    pub fn as_usual(&self, bench: &Bench<'_>, z: &[f64]) -> Self {
-        let places: Vec<_> = (0..bench.records.len()).map(|index| bench.places(self, index)).collect();
-        let mut usual = self.clone();
-        for (at, installed) in usual.installed.iter_mut().enumerate() {
-            for (number, axis) in
-                installed.axes.iter_mut().enumerate().filter(|(_, axis)| axis.parameter.is_told_at_once)
-            {
-                let of_logs: Vec<f64> = places.iter().map(|places| z[places[at][number]]).collect();
-                let count = of_logs.len() as f64;
-                let mean = of_logs.iter().sum::<f64>() / count;
-                let spread2 = of_logs.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-                // One log says nothing of how they differ.
-                let width = if of_logs.len() > 1 { 2.0 * spread2.sqrt() } else { mean.abs().max(1.0) };
-                axis.usual = Some([mean, width.max(LEAST_WIDTH)]);
-            }
-        }
-        usual
     }
 
     /// Whether logs begin with a memory besides that of hysterons.
@@ -426,7 +422,7 @@ impl<'a> Bench<'a> {
 
     /// Coordinates that all logs share.
     pub fn shared(&self, hypothesis: &Hypothesis) -> usize {
-        let own = |axis: &&Axis| !axis.parameter.per_log;
+        let own = |axis: &&Axis| !axis.parameter.is_of_each_log();
         self.free.len() + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
     }
 
@@ -450,13 +446,13 @@ impl<'a> Bench<'a> {
     pub(super) fn told_by_start(&self, hypothesis: &Hypothesis, index: usize) -> Vec<usize> {
         let axes = hypothesis.installed.iter().flat_map(|installed| &installed.axes);
         let places = self.places(hypothesis, index).into_iter().flatten();
-        let own = axes.zip(places).filter(|(axis, _)| axis.parameter.is_told_at_once).map(|(_, place)| place);
+        let own = axes.zip(places).filter(|(axis, _)| axis.parameter.scope == Scope::EachStart).map(|(_, place)| place);
         self.start_places(hypothesis, index).chain(own).collect()
     }
 
     /// Coordinates of each log.
     pub fn own(&self, hypothesis: &Hypothesis) -> usize {
-        let own = |axis: &&Axis| axis.parameter.per_log;
+        let own = |axis: &&Axis| axis.parameter.is_of_each_log();
         self.start_count(hypothesis)
             + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
     }
@@ -482,7 +478,7 @@ impl<'a> Bench<'a> {
         let mut shared = self.free.len();
         let mut own = self.start_places(hypothesis, index).end;
         let place = |axis: &Axis| {
-            let next = if axis.parameter.per_log { &mut own } else { &mut shared };
+            let next = if axis.parameter.is_of_each_log() { &mut own } else { &mut shared };
             *next += 1;
             *next - 1
         };
@@ -577,7 +573,7 @@ impl<'a> Bench<'a> {
         };
         let mut means = logs.first().cloned().unwrap_or_default();
         for (effect, installed) in hypothesis.installed.iter().enumerate() {
-            for (number, _) in installed.axes.iter().enumerate().filter(|(_, axis)| axis.parameter.per_log) {
+            for (number, _) in installed.axes.iter().enumerate().filter(|(_, axis)| axis.parameter.is_of_each_log()) {
                 means[effect][number] = mean(effect, number);
             }
         }

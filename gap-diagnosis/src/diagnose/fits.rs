@@ -425,13 +425,13 @@ impl Fits<'_> {
         let Some(installed) = fit.hypothesis.installed.last() else { return fit };
         let scales = bench.scales();
         let own = (installed.form.parameters)(&scales);
-        if own.is_empty() || own.iter().any(|parameter| !parameter.per_log) {
+        if own.is_empty() || own.iter().any(|parameter| !parameter.is_of_each_log()) {
             return fit;
         }
         let is_same = |form: &&Form| {
             let parameters = (form.parameters)(&scales);
             parameters.len() == own.len()
-                && parameters.iter().zip(&own).all(|(shared, own)| shared.name == own.name && !shared.per_log)
+                && parameters.iter().zip(&own).all(|(shared, own)| shared.name == own.name && !shared.is_of_each_log())
         };
         let Some(form) = installed.effect.forms().iter().find(is_same) else { return fit };
         let Some(means) = bench.means(&fit.hypothesis, &fit.found.z).pop() else { return fit };
@@ -510,7 +510,7 @@ impl Fits<'_> {
     fn numbers(&self, lead: &Lead) -> usize {
         let logs = self.search.bench.records.len();
         let parameters = (lead.form.parameters)(&self.search.bench.scales());
-        parameters.iter().map(|parameter| if parameter.per_log { logs } else { 1 }).sum()
+        parameters.iter().map(|parameter| if parameter.is_of_each_log() { logs } else { 1 }).sum()
     }
 
     /// A fit from where the screening says: numbers at nominal, or, where that leaves much more than was promised or bends them, as the refit has

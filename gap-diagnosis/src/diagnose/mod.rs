@@ -40,6 +40,7 @@ pub mod search;
 pub mod spread;
 mod starts;
 pub mod symmetry;
+mod usual;
 mod verdict;
 
 pub use answer::{Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};

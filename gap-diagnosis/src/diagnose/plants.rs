@@ -173,6 +173,12 @@ impl Variant {
         self.with_own_parts().next().is_some()
     }
 
+    /// This on the logs of `bench`, where each has of what belongs to it and no first stretch tells what the others let expect.
+    pub fn as_others(&self, bench: &Bench<'_>) -> Variant {
+        let z = self.hypothesis.as_others(bench, &self.z);
+        Variant { hypothesis: self.hypothesis.clone(), z, starts_known: true }
+    }
+
     /// This with only those of its forms that `keep` says, and with the nominal numbers if not `refitted`.
     pub fn part(&self, bench: &Bench<'_>, refitted: bool, keep: impl Fn(&Installed) -> bool) -> Variant {
         let mut hypothesis = self.hypothesis.clone();
@@ -216,7 +222,7 @@ pub(super) fn carry(
             let matching = |i: &Installed| i.effect.id() == installed.effect.id() && i.form.name == installed.form.name;
             let Some(at) = from.installed.iter().position(matching) else { continue };
             for ((axis, &to), &from) in installed.axes.iter().zip(places).zip(&old[at]) {
-                if same || !axis.parameter.per_log {
+                if same || !axis.parameter.is_of_each_log() {
                     carried[to] = z[from];
                 }
             }

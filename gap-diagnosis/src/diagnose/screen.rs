@@ -391,7 +391,7 @@ fn blocks(bench: &Bench<'_>, base: &Hypothesis, from: &Starts, without: &[&str])
             let Some(installed) = hypothesis.installed.last() else { continue };
             let parameters: Vec<_> = installed.axes.iter().map(|axis| &axis.parameter).collect();
             let amplitudes: Vec<usize> = (0..parameters.len()).filter(|&i| installed.axes[i].is_amplitude()).collect();
-            let per_log = amplitudes.iter().any(|&i| parameters[i].per_log);
+            let per_log = amplitudes.iter().any(|&i| parameters[i].is_of_each_log());
             let starts: Vec<Vec<f64>> = installed
                 .axes
                 .iter()

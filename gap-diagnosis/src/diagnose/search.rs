@@ -346,7 +346,7 @@ impl Search<'_> {
             _ => known.or_else(|| begins(number)),
         };
         let values: Vec<f64> = parameters.iter().zip(known).enumerate().map(value).collect::<Option<_>>()?;
-        let is_shared = !parameters.iter().any(|parameter| parameter.per_log);
+        let is_shared = !parameters.iter().any(|parameter| parameter.is_of_each_log());
         (is_richer && is_shared).then(|| self.replaced(fit, place, effect, form, &values))
     }
 
@@ -365,8 +365,8 @@ impl Search<'_> {
     /// each log.
     pub fn in_valley_of(&self, fit: &Candidate, id: &str, other: &Candidate) -> Option<Candidate> {
         let installed = other.hypothesis.installed.last()?;
-        let is_shared =
-            installed.form.kind == Kind::Predictable && installed.axes.iter().all(|axis| !axis.parameter.per_log);
+        let is_shared = installed.form.kind == Kind::Predictable
+            && installed.axes.iter().all(|axis| !axis.parameter.is_of_each_log());
         let values = self.bench.values(&other.hypothesis, &other.found.z, 0).pop().filter(|_| is_shared)?;
         self.instead(fit, id, (installed.effect, installed.form), &values)
     }

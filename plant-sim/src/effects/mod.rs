@@ -247,10 +247,19 @@ pub struct Parameter {
     pub bounds: [f64; 2],
     /// How the diagnosis walks through the bounds.
     pub role: Role,
-    /// Whether every log has its own (the phase of a line).
-    pub per_log: bool,
-    /// Whether the first stretch of a log tells its own, as it tells the start: a phase does, the size of a drift that is still to come doesn't.
-    pub is_told_at_once: bool,
+    /// Which logs have the same.
+    pub scope: Scope,
+}
+
+/// Which logs have the same value of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// All of them.
+    AllLogs,
+    /// Each has its own, which its first stretch tells, as it tells the start: the phase of a line.
+    EachStart,
+    /// Each has its own, which nothing tells beforehand: the size of a drift that is still to come.
+    EachLog,
 }
 
 /// What a parameter does to a prediction.
@@ -267,17 +276,17 @@ pub enum Role {
 impl Parameter {
     /// An amplitude between `low` and `high` that is typically `typical`.
     pub fn amplitude(name: &'static str, unit: &'static str, [low, high]: [f64; 2], typical: f64) -> Self {
-        Self { name, unit, bounds: [low, high], role: Role::Amplitude(typical), per_log: false, is_told_at_once: false }
+        Self { name, unit, bounds: [low, high], role: Role::Amplitude(typical), scope: Scope::AllLogs }
     }
 
     /// A positive shape with values to start from.
     pub fn shape(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
-        Self { name, unit, bounds, role: Role::Shape(starts), per_log: false, is_told_at_once: false }
+        Self { name, unit, bounds, role: Role::Shape(starts), scope: Scope::AllLogs }
     }
 
     /// A shape that may have either sign, with values to start from.
     pub fn place(name: &'static str, unit: &'static str, bounds: [f64; 2], starts: Vec<f64>) -> Self {
-        Self { name, unit, bounds, role: Role::Place(starts), per_log: false, is_told_at_once: false }
+        Self { name, unit, bounds, role: Role::Place(starts), scope: Scope::AllLogs }
     }
 
     /// An amplitude of either sign, at most `largest`.
@@ -287,12 +296,17 @@ impl Parameter {
 
     /// The same, one for every log.
     pub fn of_each_log(self) -> Self {
-        Self { per_log: true, ..self }
+        Self { scope: Scope::EachLog, ..self }
     }
 
     /// The same, which the first stretch of a log tells.
     pub fn told_at_once(self) -> Self {
-        Self { is_told_at_once: true, ..self.of_each_log() }
+        Self { scope: Scope::EachStart, ..self }
+    }
+
+    /// Whether every log has its own.
+    pub fn is_of_each_log(&self) -> bool {
+        self.scope != Scope::AllLogs
     }
 }
 

@@ -82,7 +82,7 @@ impl EffectSection {
             let key = format!("{key}.parameters.{}", parameter.name);
             match self.parameters.get(parameter.name) {
                 Some(param) => check(&key, &parameter, param)?,
-                None if parameter.per_log => {}
+                None if parameter.is_of_each_log() => {}
                 None => return Err(format!("{key} is missing: {} in its form {:?} needs it", self.id, self.form)),
             }
         }
