@@ -7,7 +7,7 @@ use super::refit::AT_NOISE;
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
-use plant_sim::effects::{Effect, Form, Kind, Parameter, find};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, find};
 use std::f64::consts::TAU;
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
@@ -141,7 +141,7 @@ impl Fits<'_> {
             let mut installed = known.iter().filter_map(|fit| fit.hypothesis.installed.last());
             installed.any(|own| (own.effect.id(), own.form.name) == (lead.effect.id(), lead.form.name))
         };
-        let worth = leads.iter().filter(|lead| lead.gain > PLAIN_SHARE * most && self.numbers(lead) <= PLAIN);
+        let worth = leads.iter().filter(|lead| lead.gain > PLAIN_SHARE * most && self.numbers(lead.form) <= PLAIN);
         distinct(worth).into_iter().filter(|lead| !is_known(lead)).take(MOST_PLAIN).collect()
     }
 
@@ -318,7 +318,37 @@ impl Fits<'_> {
         self.kin(&mut fits);
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
-        fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect()
+        let mut fits: Vec<Candidate> =
+            fits.into_iter().map(|fit| if fit.chi < AT_NOISE { at_noise(fit) } else { fit }).collect();
+        if let Some(best) = fits.first_mut().filter(|best| self.left(best) < HALF)
+            && let Some(sparer) = self.sparer(best)
+        {
+            *best = sparer;
+        }
+        fits
+    }
+
+    /// A fit in a form of its last effect with fewer numbers, screened where the fit's numbers and starts are, if it fits as well: beside those that a
+    /// refit has bent a form of many numbers promises more, and may end where one of few would not.
+    fn sparer(&self, fit: &Candidate) -> Option<Candidate> {
+        let installed = fit.hypothesis.installed.last()?;
+        let (effect, own) = (installed.effect, self.numbers(installed.form));
+        let is_sparer = |form: &Form| form.kind == Kind::Predictable && self.numbers(form) < own;
+        effect.forms().iter().find(|form| is_sparer(form))?;
+        let base = self.search.stripped(fit);
+        let starts = Starts::of(self.search.bench, &self.search.play(&base));
+        let others: Vec<&str> = REGISTRY.iter().map(|other| other.id()).filter(|id| *id != effect.id()).collect();
+        let leads = self.search.screen(&base, &starts, &others);
+        let promised = leads.first()?.gain;
+        let mut sparer: Vec<&Lead> =
+            leads.iter().filter(|lead| is_sparer(lead.form) && lead.gain > AS_PROMISING * promised).collect();
+        sparer.sort_by_key(|lead| self.numbers(lead.form));
+        let to_beat = NOT_BETTER * fit.found.data_cost;
+        let mut tried = sparer.into_iter().take(MOST_OTHERS);
+        tried.find_map(|lead| {
+            let sparer = self.search.extend_below(&base, lead, false, to_beat);
+            (sparer.chi < AS_WELL * fit.chi).then_some(sparer)
+        })
     }
 
     /// A lag may be another one, or of another order: beside numbers that a refit has bent the screening says little of either. Plain lags are fitted
@@ -443,12 +473,12 @@ impl Fits<'_> {
     fn sparest(&self, fit: Candidate, leads: &[Lead]) -> Candidate {
         let Some(installed) = fit.hypothesis.installed.last() else { return fit };
         let own = in_form(leads, (installed.effect.id(), installed.form.name));
-        let Some(numbers) = own.map(|lead| self.numbers(lead)) else { return fit };
+        let Some(numbers) = own.map(|lead| self.numbers(lead.form)) else { return fit };
         let is_sparer = |lead: &&Lead| {
-            lead.effect.id() == installed.effect.id() && self.numbers(lead) < numbers && lead.share > HOPELESS
+            lead.effect.id() == installed.effect.id() && self.numbers(lead.form) < numbers && lead.share > HOPELESS
         };
         let mut sparer: Vec<&Lead> = leads.iter().filter(is_sparer).collect();
-        sparer.sort_by_key(|lead| self.numbers(lead));
+        sparer.sort_by_key(|lead| self.numbers(lead.form));
         let mut tried = sparer.into_iter().take(MOST_OTHERS);
         let as_well = tried.find_map(|lead| {
             let changed = self.search.in_form(&fit, lead.effect, lead.form, &lead.values)?;
@@ -495,21 +525,21 @@ impl Fits<'_> {
     /// The form of `lead`'s effect with the fewest numbers of those that promise as much.
     fn simplest<'l>(&self, lead: &'l Lead, leads: &'l [Lead]) -> &'l Lead {
         let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id() && l.gain > NO_LESS * lead.gain);
-        same.min_by_key(|lead| self.numbers(lead)).unwrap_or(lead)
+        same.min_by_key(|lead| self.numbers(lead.form)).unwrap_or(lead)
     }
 
     /// The form of `lead`'s effect with the fewest numbers of all, if it promised anything and is another: where the refit has bent the plant's
     /// numbers, a form of many imitates what bent them, and the plain one shows from the nominal numbers only.
     fn plainest<'l>(&self, lead: &Lead, leads: &'l [Lead]) -> Option<&'l Lead> {
         let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id());
-        let plainest = same.min_by_key(|lead| self.numbers(lead))?;
-        (plainest.share > HOPELESS && self.numbers(plainest) < self.numbers(lead)).then_some(plainest)
+        let plainest = same.min_by_key(|lead| self.numbers(lead.form))?;
+        (plainest.share > HOPELESS && self.numbers(plainest.form) < self.numbers(lead.form)).then_some(plainest)
     }
 
-    /// How many numbers a lead's form has; what belongs to each log counts for each.
-    fn numbers(&self, lead: &Lead) -> usize {
+    /// How many numbers a form has; what belongs to each log counts for each.
+    fn numbers(&self, form: &Form) -> usize {
         let logs = self.search.bench.records.len();
-        let parameters = (lead.form.parameters)(&self.search.bench.scales());
+        let parameters = (form.parameters)(&self.search.bench.scales());
         parameters.iter().map(|parameter| if parameter.is_of_each_log() { logs } else { 1 }).sum()
     }
 
@@ -540,8 +570,8 @@ impl Fits<'_> {
             let Some(lead) = in_form(leads, own) else { continue };
             let most = NO_RIVAL * fit.found.data_cost;
             // At the noise a form of many more numbers says nothing that one of few does not, unless the best has as many.
-            let numbers = most_numbers.max(self.numbers(lead) + FEW_MORE);
-            for other in others(own.0, own.1, leads, lead.gain).filter(|other| self.numbers(other) <= numbers) {
+            let numbers = most_numbers.max(self.numbers(lead.form) + FEW_MORE);
+            for other in others(own.0, own.1, leads, lead.gain).filter(|other| self.numbers(other.form) <= numbers) {
                 *fit = better(fit.clone(), self.fit_of(other, most));
             }
         }

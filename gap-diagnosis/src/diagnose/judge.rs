@@ -1,6 +1,6 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
-use super::bench::Freedom;
+use super::bench::{Freedom, Hypothesis};
 use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
@@ -8,7 +8,7 @@ use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
 use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Remainder, Search};
+use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, freed};
 use plant_sim::effects::REGISTRY;
@@ -100,7 +100,13 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let starts = Starts::of(search.bench, &remainders);
     say("screening the registry", 0.15);
     let leads = search.screen(&refit, &starts, without);
-    let fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
+    let mut fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
+    let is_well = |fit: &Candidate| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST;
+    if refit.found.prior_cost > BENT_COST && !fits.iter().any(is_well) {
+        // No score tells of a setting that starts and numbers have taken for themselves.
+        let seek = |hypothesis: &Hypothesis| search.from_first_stretches(hypothesis);
+        fits.extend(set_in_each_log(search, &refit, without, seek).into_iter().map(|(fit, _)| fit));
+    }
     let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
     let scatter = judge.by_scatter(&scattered, &refit);
@@ -121,8 +127,7 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     let floor = least_fraction(&refit);
     let shifts = Shifts::of(search, &refit);
     let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
-    // What the mass is off by is a shift as well.
-    let cost = freed.first().map_or(refit.found.prior_cost, |freed| freed.cost_without);
+    let cost = cost_of_shifts(&freed, &refit);
     // One direction that leaves ordinary shifts is enough.
     let is_one = freed.first().is_none_or(|freed| freed.cost < BENT_COST);
     let pairs = shifts.filter(|_| !is_one).map_or_else(Vec::new, |shifts| shifts.in_pairs());
@@ -132,15 +137,15 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
     if cost > BENT_COST {
         let repeats = search.repeats(&refit);
-        let score = |fit: &Candidate| {
-            let dearer = (fit.found.data_cost - refit.found.data_cost) / repeats;
-            // Starts that hold less speak for it, one number more for each log but one against it (Akaike 1974).
-            let starts = search.cost_of_starts(fit) - search.cost_of_starts(&refit);
-            let more = search.bench.records.len().saturating_sub(1) as f64;
-            -0.5 * (fit.found.prior_cost + dearer.max(0.0) + starts) - more - LOOK_ELSEWHERE
+        let misfit = |fit: &Candidate| fit.found.data_cost / repeats + search.cost_of_starts(fit);
+        // One number more for each log but one speaks against it (Akaike 1974).
+        let more = search.bench.records.len().saturating_sub(1) as f64;
+        // Where a setting moves a log far, a start that began at rest takes it for itself.
+        let seek = |hypothesis: &Hypothesis| {
+            cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
         };
-        for fit in set_in_each_log(search, &refit, without) {
-            scores.push(score(&fit));
+        for (fit, cost) in set_in_each_log(search, &refit, without, seek) {
+            scores.push(-0.5 * (cost + misfit(&fit) - misfit(&refit)) - more - LOOK_ELSEWHERE);
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }
@@ -149,17 +154,31 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
     judged(Course::new(refit, explanations, scattered), &scores, &doubts)
 }
 
-/// Fits at the noise with ordinary numbers and a sensor that was set anew for each log, where a refit came to it with numbers that are none: starts and
-/// numbers make up for such a zero or gain between them.
-fn set_in_each_log(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Vec<Candidate> {
+/// What the shifts of a fit cost with none of its `directions` freed; what the mass is off by is a shift as well.
+fn cost_of_shifts(directions: &[Freed], fit: &Candidate) -> f64 {
+    directions.first().map_or(fit.found.prior_cost, |freed| freed.cost_without)
+}
+
+/// Fits at the noise with ordinary numbers and a sensor that was set anew for each log, where a refit has numbers that are none: starts and numbers make up for
+/// such a zero or gain between them. Fits are sought by `seek`, and come with what their shifts cost.
+fn set_in_each_log(
+    search: &Search<'_>,
+    refit: &Candidate,
+    without: &[&str],
+    seek: impl Fn(&Hypothesis) -> Candidate,
+) -> Vec<(Candidate, f64)> {
     let effects = REGISTRY.iter().filter(|effect| !without.contains(&effect.id()));
     let forms = effects.flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)));
     let fits = forms.filter_map(|(effect, form)| {
         let hypothesis = refit.hypothesis.with(effect, form, &search.bench.scales());
         let is_setting = hypothesis.installed.last().is_some_and(|installed| installed.is_setting());
-        is_setting.then(|| search.led_by_others(search.from_rest(&hypothesis)))
+        is_setting.then(|| seek(&hypothesis))
     });
-    fits.filter(|fit| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST).collect()
+    let with_cost = fits.filter(|fit| fit.chi < AT_NOISE).map(|fit| {
+        let cost = cost_of_shifts(&freed(search, &fit), &fit);
+        (fit, cost)
+    });
+    with_cost.filter(|(_, cost)| *cost < BENT_COST).collect()
 }
 
 /// What explanations of a gap are measured by.

@@ -184,6 +184,13 @@ impl Search<'_> {
         self.descend(hypothesis, self.bench.origin(hypothesis), &STAGES)
     }
 
+    /// The same from where the nominal numbers let each log's first stretch tell what it does.
+    pub fn from_first_stretches(&self, hypothesis: &Hypothesis) -> Candidate {
+        let mut z = self.bench.origin(hypothesis);
+        self.settle(hypothesis, &mut z);
+        self.descend(hypothesis, z, &LAST_STAGES)
+    }
+
     /// Mean square that the nominal numbers leave, starts settled, in units of the noise.
     pub fn unfitted(&self, nominal: &Hypothesis) -> f64 {
         let mut z = self.bench.origin(nominal);
@@ -388,6 +395,16 @@ impl Search<'_> {
         self.descend(&hypothesis, z, &LAST_STAGES)
     }
 
+    /// A fit without its last effect, numbers and starts as they are.
+    pub fn stripped(&self, fit: &Candidate) -> Candidate {
+        let mut hypothesis = fit.hypothesis.clone();
+        hypothesis.installed.pop();
+        let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
+        let normal = evaluate(self.bench, &hypothesis, &z, Sensitivities::Thinned, self.simulations);
+        let data_cost = normal.cost(&noise_weights(self.bench));
+        self.candidate(hypothesis, Found { z, normal, data_cost, prior_cost: fit.found.prior_cost })
+    }
+
     /// Effect number `kept` of a fit alone, from where the fit ended.
     pub fn only(&self, refit: &Candidate, fit: &Candidate, kept: usize) -> Candidate {
         let kept = fit.hypothesis.installed[kept].clone();
@@ -477,7 +494,8 @@ pub(super) fn middle(values: &[f64]) -> f64 {
     sorted[(sorted.len() - 1) / 2]
 }
 
-fn cheaper(one: Candidate, other: Candidate) -> Candidate {
+/// The one of two that costs less.
+pub(super) fn cheaper(one: Candidate, other: Candidate) -> Candidate {
     if total(&other) < total(&one) { other } else { one }
 }
 

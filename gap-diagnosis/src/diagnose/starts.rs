@@ -69,7 +69,10 @@ pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f
     let mut from = z.to_vec();
     from[start.clone()].copy_from_slice(&bench.origin(hypothesis)[start]);
     let mut least2 = f64::INFINITY;
-    for settled in FirstStretch::new(bench, hypothesis, index).settlings(from) {
+    // How a sensor was set makes up for what hysterons hold in a first stretch, and not in the whole log.
+    let stretch = FirstStretch::new(bench, hypothesis, index);
+    let stretch = if stretch.places.len() > stretch.starts { stretch.whole() } else { stretch };
+    for settled in stretch.settlings(from) {
         let played = play_log(bench, hypothesis, &settled.z, index);
         let rows = played.iter().zip(&record.log.displacement_m).enumerate().filter(|(row, _)| record.fits(*row));
         let left: Vec<f64> = rows.map(|(_, (played, y))| y - played).collect();
@@ -208,6 +211,11 @@ impl<'b> FirstStretch<'b> {
         let mut rules = self.rules.clone();
         rules.iter_mut().skip(1).take(self.memories).for_each(|rule| rule.sigma *= PINNED);
         Self { rules, memories: 0, rows: self.rows.clone(), places: self.places.clone(), ..*self }
+    }
+
+    /// The same with all rows of the log.
+    fn whole(self) -> Self {
+        Self { rows: self.rows.start..self.bench.records[self.index].log.len(), ..self }
     }
 
     /// Where the start settles from `z` as it is and from every corner beside it.
