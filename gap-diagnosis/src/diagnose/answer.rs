@@ -263,7 +263,8 @@ pub(super) fn answer(
     if verdict == Verdict::Explained && found.variant.has_own_parts() {
         let own: Vec<&str> = found.variant.with_own_parts().collect();
         warnings.push(format!(
-            "{}: its size belongs to each log, of which another one is expected to have what these have in common, and nothing tells the rest beforehand",
+            "{}: its size is each log's own; a log never shown is expected to have what the fitted ones have in common, and nothing tells the rest \
+             beforehand",
             own.join(", ")
         ));
     }
