@@ -281,6 +281,20 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
     }
 }
 
+/// Starts and numbers make up between them for a zero that is another one in each log: a refit comes to the noise with numbers that are off by many sigma.
+#[test]
+fn a_zero_that_wanders_bends_no_number() {
+    let subject = Subject::Effects(vec![EffectId::SensorOffset]);
+    let found = diagnosis_of_calibrate("diagnose-wandering-zero", 17_499_106_799_341_107_617, subject);
+    assert_eq!(list(&found["effects"]), ["sensor_offset"], "{}", found["ranking"]);
+    assert_eq!(list(&found["set90"]), ["sensor_offset"], "{}", found["ranking"]);
+    assert_eq!(found["changed"].as_array().map(Vec::len), Some(0), "{}", found["changed"]);
+    // A log never shown has a zero of its own as well, which its first stretch tells.
+    let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
+    let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
+    assert!(shrink > 98.0 && (shrink - predicted).abs() < 1.0, "{shrink} against {predicted} % predicted");
+}
+
 /// Starts and a dead zone of twice its width make up for a zero that is another one in each log, at the noise. A log never shown has a zero of its own as
 /// well, which its first stretch tells.
 #[test]

@@ -331,8 +331,8 @@ fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained:
         let parts = augmented.iter().zip(&by_others).zip(&fitted.records);
         let lasts_s = |record: &Record<'_>| record.log.len() as f64 * record.log.dt_s;
         let held_s: Vec<f64> = benches.held.iter().flat_map(|held| &held.records).map(lasts_s).collect();
-        let of_log = |((with, without), record): ((&Played, &Played), &Record<'_>)| {
-            while_held(record.log.dt_s, &difference2(with, without), &held_s)
+        let of_log = |((own, by_others), record): ((&Played, &Played), &Record<'_>)| {
+            while_held(record.log.dt_s, &difference2(own, by_others), &held_s)
         };
         parts.map(of_log).collect()
     } else {

@@ -257,8 +257,8 @@ impl Augmented {
         for installed in &self.variant.hypothesis.as_usual(bench, &self.variant.z).installed {
             let own: Vec<&Estimate> = next.by_ref().take(installed.axes.len()).collect();
             model = model.with_effect(installed.effect, installed.form, &params(&own, source));
-            let Some(section) = model.effects.last_mut() else { continue };
-            for axis in installed.axes.iter().filter(|_| !installed.is_setting()) {
+            let Some(section) = model.effects.last_mut().filter(|_| !installed.is_setting()) else { continue };
+            for axis in &installed.axes {
                 let Parameter { name, scope, .. } = axis.parameter;
                 match (scope, axis.usual()) {
                     (Scope::AllLogs, _) => {}

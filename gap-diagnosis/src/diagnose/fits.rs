@@ -340,15 +340,22 @@ impl Fits<'_> {
         let others: Vec<&str> = REGISTRY.iter().map(|other| other.id()).filter(|id| *id != effect.id()).collect();
         let leads = self.search.screen(&base, &starts, &others);
         let promised = leads.first()?.gain;
-        let mut sparer: Vec<&Lead> =
-            leads.iter().filter(|lead| is_sparer(lead.form) && lead.gain > AS_PROMISING * promised).collect();
-        sparer.sort_by_key(|lead| self.numbers(lead.form));
+        let sparer = leads.iter().filter(|lead| is_sparer(lead.form) && lead.gain > AS_PROMISING * promised);
         let to_beat = NOT_BETTER * fit.found.data_cost;
-        let mut tried = sparer.into_iter().take(MOST_OTHERS);
-        tried.find_map(|lead| {
-            let sparer = self.search.extend_below(&base, lead, false, to_beat);
-            (sparer.chi < AS_WELL * fit.chi).then_some(sparer)
-        })
+        self.sparest_of(sparer, fit, |lead| Some(self.search.extend_below(&base, lead, false, to_beat)))
+    }
+
+    /// What `seek` makes of the one of `sparer` with the fewest numbers that fits as well as `fit`; so many are tried.
+    fn sparest_of<'l>(
+        &self,
+        sparer: impl Iterator<Item = &'l Lead>,
+        fit: &Candidate,
+        seek: impl Fn(&Lead) -> Option<Candidate>,
+    ) -> Option<Candidate> {
+        let mut sparer: Vec<&Lead> = sparer.collect();
+        sparer.sort_by_key(|lead| self.numbers(lead.form));
+        let mut sought = sparer.into_iter().take(MOST_OTHERS).filter_map(seek);
+        sought.find(|sparer| sparer.chi < AS_WELL * fit.chi)
     }
 
     /// A lag may be another one, or of another order: beside numbers that a refit has bent the screening says little of either. Plain lags are fitted
@@ -477,14 +484,8 @@ impl Fits<'_> {
         let is_sparer = |lead: &&Lead| {
             lead.effect.id() == installed.effect.id() && self.numbers(lead.form) < numbers && lead.share > HOPELESS
         };
-        let mut sparer: Vec<&Lead> = leads.iter().filter(is_sparer).collect();
-        sparer.sort_by_key(|lead| self.numbers(lead.form));
-        let mut tried = sparer.into_iter().take(MOST_OTHERS);
-        let as_well = tried.find_map(|lead| {
-            let changed = self.search.in_form(&fit, lead.effect, lead.form, &lead.values)?;
-            (changed.chi < AS_WELL * fit.chi).then_some(changed)
-        });
-        as_well.unwrap_or(fit)
+        let in_form = |lead: &Lead| self.search.in_form(&fit, lead.effect, lead.form, &lead.values);
+        self.sparest_of(leads.iter().filter(is_sparer), &fit, in_form).unwrap_or(fit)
     }
 
     /// The state at the start as a lead, if much of what `fit` leaves lies there: no direction shows how much of it a start explains.

@@ -61,8 +61,8 @@ pub(super) struct Three {
     pub nominal: Vec<Played>,
     pub refit: Vec<Played>,
     pub augmented: Vec<Played>,
-    /// Rows of each fitted log and their squares, metres squared, of what no plant carries over to another log, if there is such a thing: lines,
-    /// whose phases are each log's own.
+    /// Rows of each fitted log and their squares, metres squared, of what belongs to it and the others do not let expect, if there is such a
+    /// thing: the size of a drift.
     pub not_portable: Vec<[f64; 2]>,
 }
 
@@ -251,7 +251,7 @@ struct OfLog {
     /// What stays beyond the noise.
     left2: f64,
     noise2: f64,
-    /// Rows and squares of what no plant carries over to another log.
+    /// Rows and squares of what belongs to it and the others do not let expect.
     own_rows: f64,
     own2: f64,
 }

@@ -116,10 +116,9 @@ pub fn diagnose(
     let are_losses_known = !options.without.iter().any(|id| id == "lost_samples");
     let records = |logs| -> Vec<bench::Record<'_>> {
         let logs: &[Log] = logs;
-        let mut records: Vec<_> = logs.iter().map(|log| records::record(log, &chain, options.run_in_s)).collect();
-        if !held_out.is_empty() {
-            records = records.into_iter().map(bench::Record::whole).collect();
-        }
+        let record = |log| records::record(log, &chain, options.run_in_s);
+        let record = |log| if held_out.is_empty() { record(log) } else { record(log).whole() };
+        let mut records: Vec<_> = logs.iter().map(record).collect();
         if !are_losses_known {
             // If nobody had thought of lost rows, they would be readings like others.
             records.iter_mut().for_each(|record| record.is_lost = Vec::new());

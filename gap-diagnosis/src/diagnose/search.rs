@@ -186,17 +186,21 @@ impl Search<'_> {
 
     /// The same from where the nominal numbers let each log's first stretch tell what it does.
     pub fn from_first_stretches(&self, hypothesis: &Hypothesis) -> Candidate {
-        let mut z = self.bench.origin(hypothesis);
-        self.settle(hypothesis, &mut z);
-        self.descend(hypothesis, z, &LAST_STAGES)
+        self.descend(hypothesis, self.settled(hypothesis), &LAST_STAGES)
     }
 
     /// Mean square that the nominal numbers leave, starts settled, in units of the noise.
     pub fn unfitted(&self, nominal: &Hypothesis) -> f64 {
-        let mut z = self.bench.origin(nominal);
-        self.settle(nominal, &mut z);
+        let z = self.settled(nominal);
         let normal = evaluate(self.bench, nominal, &z, Sensitivities::None, self.simulations);
         normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
+    }
+
+    /// The nominal numbers, where every log's first stretch has told what it does.
+    fn settled(&self, hypothesis: &Hypothesis) -> Vec<f64> {
+        let mut z = self.bench.origin(hypothesis);
+        self.settle(hypothesis, &mut z);
+        z
     }
 
     /// Fits the start of every log, everything else held.
@@ -257,9 +261,7 @@ impl Search<'_> {
         let hypothesis = base.hypothesis.with(lead.effect, lead.form, &self.bench.scales());
         if lead.form.kind == Kind::Start {
             // What the refit made of the starts is what the effect is about: they are found anew, log by log.
-            let mut z = self.bench.origin(&hypothesis);
-            self.settle(&hypothesis, &mut z);
-            let settled = self.descend(&hypothesis, z, &STAGES);
+            let settled = self.descend(&hypothesis, self.settled(&hypothesis), &STAGES);
             let found = carry(self.bench, &base.hypothesis, &base.found.z, self.bench, &hypothesis, true);
             return cheaper(settled, self.descend(&hypothesis, found, &LAST_STAGES));
         }

@@ -102,15 +102,16 @@ impl Common {
             if of_logs.len() < 2 { zero() } else { mean(&whole - squares, &(&weighed - squares * of_log)) }
         };
         let by_others: Vec<DVector<f64>> = logs().map(others).collect();
-        let told = |one: &dyn Fn(usize) -> DVector<f64>| {
-            let of_log = |(index, squares): (usize, &DMatrix<f64>)| (squares * &by_others[index]).dot(&one(index));
-            squares.iter().enumerate().map(of_log).sum::<f64>()
-        };
-        let power = told(&|index| by_others[index].clone());
-        let share = if power > 0.0 { (told(&|index| of_logs[index].clone()) / power).clamp(0.0, 1.0) } else { 0.0 };
-        let apart =
-            |(of_log, squares): (&DVector<f64>, &DMatrix<f64>)| (squares * (of_log - &all)).dot(&(of_log - &all));
-        let variance = logs().map(apart).sum::<f64>() / of_logs.len().saturating_sub(1).max(1) as f64;
+        let product = |squares: &DMatrix<f64>, one: &DVector<f64>, other: &DVector<f64>| (squares * one).dot(other);
+        let (mut told, mut power, mut apart) = (0.0, 0.0, 0.0);
+        for ((of_log, squares), by_others) in logs().zip(&by_others) {
+            let away = of_log - &all;
+            told += product(squares, by_others, of_log);
+            power += product(squares, by_others, by_others);
+            apart += product(squares, &away, &away);
+        }
+        let share = if power > 0.0 { (told / power).clamp(0.0, 1.0) } else { 0.0 };
+        let variance = apart / of_logs.len().saturating_sub(1).max(1) as f64;
         let spread = |i: usize, _| (variance * of_logs.len() as f64 / whole[(i, i)].max(f64::MIN_POSITIVE)).sqrt();
         Self {
             spread: DVector::from_fn(zero().len(), spread),
