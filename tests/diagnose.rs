@@ -323,6 +323,33 @@ fn a_zero_of_each_log_is_no_wrong_number() {
     assert!(shrink > 98.0 && (shrink - predicted).abs() < 1.0, "{shrink} against {predicted} % predicted");
 }
 
+/// What scatters hides what is small beside it in all but the octaves and rows where it is quiet.
+#[test]
+fn what_is_small_beside_scatter_is_named_as_well() {
+    let pairs = [
+        (14_806_328_347_101_247_505, [EffectId::Creep, EffectId::SamplingJitter]),
+        (3_442_760_743_714_820_265, [EffectId::Quantisation, EffectId::CoulombFriction]),
+    ];
+    for (seed, effects) in pairs {
+        let [first, second] = effects.map(EffectId::id);
+        let found =
+            diagnosis_of_calibrate(&format!("diagnose-{first}-{second}"), seed, Subject::Effects(effects.into()));
+        let named = list(&found["effects"]);
+        assert!(named.len() == 2 && named.contains(&first) && named.contains(&second), "{}", found["ranking"]);
+    }
+}
+
+/// Where some rows are late all are in the mean, which is no second effect.
+#[test]
+fn rows_that_are_late_now_and_then_are_jitter_alone() {
+    let subject = Subject::Effects(vec![EffectId::SamplingJitter]);
+    let found = diagnosis_of_calibrate("diagnose-late", 17_732_871_484_000_284_945, subject);
+    assert_eq!(list(&found["effects"]), ["sampling_jitter"], "{}", found["ranking"]);
+    let mut parameters = found["parameters"].as_array().expect("a list").iter();
+    let mean = parameters.find(|parameter| parameter["name"] == "mean_s").expect("late in the mean");
+    assert!(mean["value"].as_f64().expect("a number") > 0.0, "{mean}");
+}
+
 /// What is predicted of logs never shown happens there, though a hum hides where they start, and a payload has led the refit far off.
 #[test]
 fn the_predicted_shrink_is_realised() {

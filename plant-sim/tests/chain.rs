@@ -285,6 +285,24 @@ fn an_arm_is_read_with_its_swing_and_its_speed() {
     assert!(distance(&through(&still), &read_m) > 0.1 * swing_m);
 }
 
+/// A sensor that reads late in the mean reads what the structure will be.
+#[test]
+fn rows_that_are_late_in_the_mean_are_ahead_by_the_velocity() {
+    let late_s = 0.2 * SAMPLE_S;
+    let late = Chain { sensor: Sensor { late_s, ..chain().sensor }, ..chain() };
+    let command_v: Vec<f64> = (0..ROWS).map(wave).collect();
+    let [mut on_time, mut behind] = [chain(), late].map(|chain| Simulator::new(&chain, SAMPLE_S, 0.0));
+    let mut moved_m = 0.0f64;
+    for (row, v) in command_v.iter().enumerate() {
+        let ahead_m = late_s * on_time.motion().1;
+        assert!((behind.reading_m() - on_time.reading_m() - ahead_m).abs() < 1e-18, "row {row}");
+        moved_m = moved_m.max(ahead_m.abs());
+        on_time.advance(Held::zero_order(*v), 0.0);
+        behind.advance(Held::zero_order(*v), 0.0);
+    }
+    assert!(moved_m > 1e-9, "{moved_m:e}");
+}
+
 #[test]
 fn a_start_holds_its_drive_until_the_first_command_arrives() {
     let chain = chain();

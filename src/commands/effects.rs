@@ -116,6 +116,7 @@ fn kind(kind: Kind) -> &'static str {
     match kind {
         Kind::Predictable => "a simulation predicts it",
         Kind::Spread => "it changes the spread of what can't be predicted",
+        Kind::Mean => "what can't be predicted does it in the mean",
         Kind::Lattice => "readings lie on a lattice",
         Kind::Events => "it acts at instants that nobody foresees",
         Kind::Start => "it is in the state at the start",

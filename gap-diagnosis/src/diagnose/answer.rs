@@ -28,6 +28,8 @@ pub const SCHEMA: &str = "hysteron-diagnosis-1";
 /// Noise that makes less than this share of the excess is no second effect, unless the first leaves less than this of the gap.
 const SECOND_SHARE: f64 = 0.15;
 const WELL: f64 = 0.1;
+/// What readings on a lattice show, whatever a fit leaves.
+const LATTICE: &str = "quantisation";
 /// What of `no_gap` becomes `unknown` where held-out rows show what no fitted row does.
 const SURPRISED: f64 = 0.97;
 /// Rows of a log that are kept for the page; beyond, every second one is dropped, and so on.
@@ -190,11 +192,12 @@ pub(super) fn answer(
         .map(|(effect, form, scattered)| size_of_scatter(*effect, form, scattered))
         .into_iter()
         .collect();
-    // What no fit was shown: rows that were lost, and noise beyond what is stated. A fit that leaves much hides noise.
+    // What no fit was shown: rows that were lost, and noise beyond what is stated. A fit that leaves much hides noise, but no lattice.
     let well = explanation.is_some_and(|e| e.judged.left < WELL);
     let excess2 = course.scattered.excess_m2.max(0.0);
     let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
-        verdict == Verdict::NoGap || well || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
+        let is_seen = noise.effect.id() == LATTICE;
+        verdict == Verdict::NoGap || well || is_seen || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
     });
     let never_arrived = losses.and_then(lost).or_else(|| repeated(bench, &course.scattered));
     let beyond = never_arrived.or(unseen).filter(|beyond| {

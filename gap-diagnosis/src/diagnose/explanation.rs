@@ -68,9 +68,22 @@ impl Explanation {
         self.dearer + self.freed.iter().map(|freed| freed.rarer).sum::<f64>()
     }
 
+    /// Errors of the sampling instants that it has, seconds.
+    pub(super) fn jitter_s(&self) -> f64 {
+        let of_jitter = self.scatter.as_ref().filter(|(effect, ..)| effect.id() == "sampling_jitter");
+        of_jitter.map_or(0.0, |(.., scattered)| scattered.jitter_s)
+    }
+
+    /// Lets another explanation of the same kind be so much more likely, as logarithm.
+    pub(super) fn outdo(&mut self, by: f64) {
+        self.dearer += 2.0 * by;
+    }
+
     /// The same with `id` beside it, which no simulation shows.
     fn and(mut self, id: &'static str) -> Self {
-        self.judged.ids.push(id);
+        if !self.judged.ids.contains(&id) {
+            self.judged.ids.push(id);
+        }
         self.judged.parameters += 1;
         self
     }

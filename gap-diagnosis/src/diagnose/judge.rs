@@ -5,12 +5,13 @@ use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARL
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
+use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
 use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
-use super::symmetry::{Freed, Shifts, freed};
+use super::symmetry::{self, Freed, Shifts, freed};
 use plant_sim::effects::REGISTRY;
 
 /// Chi-square that a comparison of two fits resolves.
@@ -21,8 +22,16 @@ const MUCH_BETTER: f64 = 0.7;
 const MOST_OF_NOISE: f64 = 0.3;
 /// Power that a fit may leave beyond the best one's for its rest to scatter like that one's, as amplitude, in shares of what that leaves.
 const HARDLY_MORE: f64 = 0.2;
+/// Scatter that leaves less than this of a gap may hide what is small beside it.
+const SCATTERS: f64 = 0.3;
+/// Weight of what octaves show of an effect beside what scatters, and the most that it counts.
+const SHOWN: f64 = 0.03;
+const SHOWN_MOST: f64 = 8.0;
 /// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
 const LOOK_ELSEWHERE: f64 = 6.0;
+/// The same of what shows below the noise, which lattices and lines do at times, and how likely it is none of the registry's: its form is told roughly.
+const LOOK_BELOW: f64 = 12.0;
+const DOUBT_BELOW: f64 = 0.2;
 const NO_UNKNOWN: f64 = 0.007;
 
 /// What a course of diagnosis found.
@@ -95,7 +104,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let remainders = search.play(&refit);
     let scattered = scattered(search.bench, &remainders, true);
     if !has_gap(&refit) {
-        return without_gap(search, refit, scattered, without);
+        let (refit, below) = below_noise(refit, |refit| Fits { search, refit, without, say }.of_little(refit), search);
+        return without_gap(search, refit, scattered, &below, without);
     }
     let starts = Starts::of(search.bench, &remainders);
     say("screening the registry", 0.15);
@@ -107,11 +117,20 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
         let seek = |hypothesis: &Hypothesis| search.from_first_stretches(hypothesis);
         fits.extend(set_in_each_log(search, &refit, without, seek).into_iter().map(|(fit, _)| fit));
     }
+    let best_share = leads.first().map_or(0.0, |lead| lead.share);
+    let mut scatter =
+        by_scatter(&scattered, &refit, least_fraction(&refit), without, best_share, !starts.line_hz.is_empty());
+    let scatters = scatter.iter().filter(|explanation| explanation.judged.left < SCATTERS);
+    let quiet = scatters
+        .min_by(|a, b| a.judged.left.total_cmp(&b.judged.left))
+        .and_then(|explanation| Quiet::beside(search.bench, explanation, &remainders));
+    let fitting = Fits { search, refit: &refit, without, say };
+    let hidden = quiet.as_ref().map_or_else(Vec::new, |quiet| quiet.hidden(&fitting));
     let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
-    let scatter = judge.by_scatter(&scattered, &refit);
+    let beside = judge.by_scatter_beside_fits(&hidden, quiet.as_ref(), &mut scatter);
     explanations.extend(scatter.iter().cloned());
-    explanations.extend(judge.by_scatter_beside_fits());
+    explanations.extend(beside);
     judge.by_directions(&mut explanations, scatter);
     let score = |e: &Explanation| e.judged.score() - 0.5 * e.rarer() + (1.0 - e.doubted).ln();
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
@@ -123,7 +142,13 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
 }
 
 /// Explains the numbers of a refit that leaves no gap: only the cost of their shifts speaks, and it is a proper chi-square.
-fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, without: &[&str]) -> Course {
+fn without_gap(
+    search: &Search<'_>,
+    refit: Candidate,
+    scattered: Scattered,
+    below: &[(Candidate, f64)],
+    without: &[&str],
+) -> Course {
     let floor = least_fraction(&refit);
     let shifts = Shifts::of(search, &refit);
     let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
@@ -149,8 +174,14 @@ fn without_gap(search: &Search<'_>, refit: Candidate, scattered: Scattered, with
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }
+    let mut doubts = vec![NO_UNKNOWN; scores.len()];
+    for (fit, shows) in below {
+        scores.push(SHOWN * shows - 0.5 * cost_of_shifts(&symmetry::freed(search, fit), fit) - LOOK_BELOW);
+        doubts.push(DOUBT_BELOW);
+        explanations.push(Explanation::by_fit(fit, 0.0, floor));
+    }
     scores.push(-0.5 * cost);
-    let doubts = vec![NO_UNKNOWN; scores.len()];
+    doubts.push(NO_UNKNOWN);
     judged(Course::new(refit, explanations, scattered), &scores, &doubts)
 }
 
@@ -250,9 +281,17 @@ impl<'a> Judge<'a> {
         by_scatter(scattered, fit, self.floor, self.without, self.best_share, self.has_lines)
     }
 
-    /// What fits leave may scatter as well: the best one, and those that leave hardly more. Scatter explains none of what they leave beyond it.
-    fn by_scatter_beside_fits(&self) -> Vec<Explanation> {
-        let Some(best) = self.best.filter(|best| self.left(best) > PAIR_BEYOND) else { return Vec::new() };
+    /// What fits leave may scatter as well: the best one, and those that leave hardly more, and those that scatter has `hidden`. Scatter explains none of
+    /// what they leave beyond it. What shows of a fit where it is `quiet` speaks against what has it not, against the `scatter` of the refit as well.
+    fn by_scatter_beside_fits(
+        &self,
+        hidden: &[Candidate],
+        quiet: Option<&Quiet>,
+        scatter: &mut [Explanation],
+    ) -> Vec<Explanation> {
+        let all = || self.fits.iter().chain(hidden);
+        let best = all().min_by(|a, b| a.chi.total_cmp(&b.chi));
+        let Some(best) = best.filter(|best| self.left(best) > PAIR_BEYOND) else { return Vec::new() };
         let bench = self.search.bench;
         let gap = (self.refit.chi - self.noise).max(1e-12);
         let beyond = |fit: &Candidate| ((fit.chi - best.chi) / gap).max(0.0).sqrt();
@@ -262,13 +301,27 @@ impl<'a> Judge<'a> {
             let mut explanations = self.by_scatter(&scattered(bench, &remainders, false), fit);
             for explanation in &mut explanations {
                 explanation.judged.left = (explanation.judged.left * self.left(fit)).hypot(beyond(fit));
-                // Scatter explains no log that the fit beside it misses by more, and no octave.
+                // Scatter explains no log that the fit beside it misses by more, and no octave; what it does in the mean is no other cause.
                 let scatter_m2 = scatter_of_logs(explanation, bench, &remainders);
-                explanation.judged.of_worst = self.left_of_worst(fit, &octaves, &scatter_m2);
+                if explanation.judged.ids.len() > 1 {
+                    explanation.judged.of_worst = self.left_of_worst(fit, &octaves, &scatter_m2);
+                }
             }
-            explanations
+            let shows = quiet.map_or(0.0, |quiet| quiet.shows(bench, &remainders));
+            explanations.into_iter().map(move |explanation| (explanation, shows))
         };
-        self.fits.iter().filter(|fit| beyond(fit) < HARDLY_MORE * self.left(best)).flat_map(of_fit).collect()
+        let near = all().filter(|fit| beyond(fit) < HARDLY_MORE * self.left(best));
+        let mut beside: Vec<(Explanation, f64)> = near.flat_map(of_fit).collect();
+        if let Some(quiet) = quiet {
+            let own = beside.iter().filter(|(explanation, _)| quiet.is_of(explanation));
+            let most = own.map(|(_, shows)| *shows).fold(0.0, f64::max);
+            let outdone = |shows: f64| (SHOWN * (most - shows)).min(SHOWN_MOST);
+            let own = beside.iter_mut().filter(|(explanation, _)| quiet.is_of(explanation));
+            own.for_each(|(explanation, shows)| explanation.outdo(outdone(*shows)));
+            let own = scatter.iter_mut().filter(|explanation| quiet.is_of(explanation));
+            own.for_each(|explanation| explanation.outdo(outdone(0.0)));
+        }
+        beside.into_iter().map(|(explanation, _)| explanation).collect()
     }
 
     /// Adds what the nominal numbers imitate: beside `scatter` of the refit, beside fits, and alone. Where they are sure, those without them pay.

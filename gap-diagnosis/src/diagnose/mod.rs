@@ -3,9 +3,9 @@
 //! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the nominal plant refitted (`refit`), the score test over the registry ([`screen`])
 //! and where its shapes promise most (`refine`), full fits ([`search`], in the order of `fits`), what only scatter tells ([`spread`], and
-//! `octaves`: whether it is noise), periods over place ([`cycles`]), which commands and readings were lost (`events`), what only priors decide
-//! ([`symmetry`]) and which of it is sure (`directions`), what explains a gap ([`explanation`]), probabilities ([`evidence`]), and the order
-//! of it all ([`judge`]).
+//! `octaves`: whether it is noise) and what that hides (`hidden`), periods over place ([`cycles`]), which commands and readings were lost
+//! (`events`), what only priors decide ([`symmetry`]) and which of it is sure (`directions`), what explains a gap ([`explanation`]),
+//! probabilities ([`evidence`]), and the order of it all ([`judge`]).
 //! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
 //! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
@@ -24,6 +24,7 @@ pub mod evidence;
 pub mod explanation;
 mod fits;
 mod gap;
+mod hidden;
 pub mod judge;
 pub mod lines;
 mod next;

@@ -47,8 +47,27 @@ impl Octave {
 
 /// Octaves of all logs. Lost rows say nothing.
 pub(super) fn octaves_of(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<Octave> {
-    let logs = bench.records.iter().zip(remainders).enumerate();
-    logs.flat_map(|(log, (record, left))| octaves(log, &without_lost(record, left))).collect()
+    octaves_beside(bench, remainders, 0.0)
+}
+
+/// The same of what stays beside errors of the sampling instants of `jitter_s`: rows in which the plant moves fast count for less.
+pub(super) fn octaves_beside(bench: &Bench<'_>, remainders: &[Remainder], jitter_s: f64) -> Vec<Octave> {
+    let of_log = |(log, (record, left)): (usize, (&Record<'_>, &Remainder))| {
+        let mut residual_m = without_lost(record, left);
+        for (residual_m, v) in residual_m.iter_mut().zip(&left.velocity_m_per_s[record.run_in..]) {
+            *residual_m /= (jitter_s * v / record.noise_m).hypot(1.0);
+        }
+        octaves(log, &residual_m)
+    };
+    bench.records.iter().zip(remainders).enumerate().flat_map(of_log).collect()
+}
+
+/// Logarithm of the likelihood ratio of two residuals whose noise is as loud in each octave of each log as the residual says (Whittle 1953): what a fit
+/// takes of an octave that is quiet counts, however loud another is.
+pub(super) fn shown(before: &[Octave], after: &[Octave]) -> f64 {
+    let is_told = |octave: &Octave| octave.power_m2 > 0.0;
+    let both = before.iter().zip(after).filter(|(before, after)| is_told(before) && is_told(after));
+    both.map(|(before, after)| 0.5 * before.pairs * (before.power_m2 / after.power_m2).ln()).sum()
 }
 
 /// The residual after the run-in, none in lost rows.
@@ -228,6 +247,30 @@ mod tests {
         let in_one = |n: u64, k: usize| loud(n) * noisy(n, k);
         let (told, untold) = (left(&in_one, 12.0 * NOISE_M * NOISE_M), left(&in_one, 0.0));
         assert!(untold > 1.0 && told < 0.5 * untold && everywhere == 0.0, "{told} {untold} {everywhere}");
+    }
+
+    /// A slow sine far below errors of the instants, which are there in one half only.
+    #[test]
+    fn what_is_small_shows_where_a_log_is_quiet() {
+        let (model, jitter_s) = (thesis(), 1e-5);
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; ROWS], displacement_m: white(1), ..Log::default() };
+        let mut bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        bench.records[0].noise_m = NOISE_M;
+        let velocity_m_per_s: Vec<f64> = (0..ROWS).map(|k| if k < ROWS / 2 { 0.1 } else { 0.0 }).collect();
+        let late = white(2);
+        let left = |sine_m: f64| {
+            let of_row = |k: usize| {
+                let error_m = jitter_s * velocity_m_per_s[k] * late[k] / NOISE_M;
+                log.displacement_m[k] + error_m + sine_m * (5e-3 * k as f64).sin()
+            };
+            [Remainder { residual_m: (0..ROWS).map(of_row).collect(), velocity_m_per_s: velocity_m_per_s.clone() }]
+        };
+        let shows = |sine_m: f64, jitter_s: f64| {
+            let [before, after] = [sine_m, 0.0].map(|sine_m| octaves_beside(&bench, &left(sine_m), jitter_s));
+            shown(&before, &after)
+        };
+        let (beside, blind, nothing) = (shows(2e-8, jitter_s), shows(2e-8, 0.0), shows(0.0, jitter_s));
+        assert!(beside > 50.0 && blind < 0.1 * beside && nothing == 0.0, "{beside} {blind} {nothing}");
     }
 
     #[test]

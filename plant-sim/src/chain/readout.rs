@@ -225,7 +225,8 @@ impl Readout {
     /// What that reading is made of.
     #[inline]
     pub(super) fn before_reading_m(&self) -> f64 {
-        if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m }
+        let seen_m = if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m };
+        seen_m + self.sensor.late_s * self.structure[1]
     }
 
     /// When this sample is, from the start on.

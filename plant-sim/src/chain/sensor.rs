@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// The sensor. In the order of the signal: play, lag, gap, gain and curvature, offset, flaws, cycles, drift, lines, stairs; then jitter, noise, quantisation and
+/// The sensor. In the order of the signal: play, lag, lead, gap, gain and curvature, offset, flaws, cycles, drift, lines, stairs; then jitter, noise, quantisation and
 /// repeated samples, which no simulation can predict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
@@ -24,6 +24,9 @@ pub struct Sensor {
     pub lag: Option<Lag>,
     /// How a first-order lag grows with the displacement.
     pub lag_growth: Growth,
+    /// How much later than the log says its rows are read in the mean, in seconds, as far as the structure's velocity tells: what errors of the instants
+    /// have in common.
+    pub late_s: f64,
     /// Gain relative to the nominal sensor.
     pub gain: f64,
     /// Half of the difference between the gains on either side of zero: an instrument of two halves.
@@ -170,6 +173,7 @@ impl Sensor {
         gap: None,
         lag: None,
         lag_growth: Growth::NONE,
+        late_s: 0.0,
         gain: 1.0,
         gain_skew: 0.0,
         settling: None,
@@ -192,11 +196,32 @@ impl Sensor {
         clock_drift_per_s: 0.0,
     };
 
-    /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag and clock are left.
+    /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag, lateness and clock are left.
     pub fn before_reading(&self) -> Sensor {
-        let Sensor { play_m, play_spread, drag_s, drag_to, lag, lag_growth, clock_ratio, clock_drift_per_s, .. } =
-            *self;
-        Sensor { play_m, play_spread, drag_s, drag_to, lag, lag_growth, clock_ratio, clock_drift_per_s, ..Self::IDEAL }
+        let Sensor {
+            play_m,
+            play_spread,
+            drag_s,
+            drag_to,
+            lag,
+            lag_growth,
+            late_s,
+            clock_ratio,
+            clock_drift_per_s,
+            ..
+        } = *self;
+        Sensor {
+            play_m,
+            play_spread,
+            drag_s,
+            drag_to,
+            lag,
+            lag_growth,
+            late_s,
+            clock_ratio,
+            clock_drift_per_s,
+            ..Self::IDEAL
+        }
     }
 
     /// Whether [`Sensor::predictable_m`] is a gain and an offset.

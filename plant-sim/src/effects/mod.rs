@@ -228,6 +228,8 @@ pub enum Kind {
     Predictable,
     /// It changes the size of what can't be predicted, by itself or with the motion.
     Spread,
+    /// What can't be predicted does this in the mean: it is no effect without its spread.
+    Mean,
     /// Readings lie on a lattice.
     Lattice,
     /// It acts at single instants that nobody foresees.

@@ -8,7 +8,7 @@ const ABOUT: About = About {
     title: "sampling jitter",
     what: "Readings are taken a little before or after their nominal instants.",
     equation: "y_k = q(k T + e_k), error about q' e_k; y_k: reading of sample k, q: displacement, T: sample time, e_k: \
-               random, rms s",
+               random, rms s; where few rows are late, all are in the mean (late)",
     source: "over serial links 0.1 to 30 ms: ArduPilot issues 11217 and 14561; form common, size on a microcontroller \
              assumed",
     typical: "0.1 to 5 us",
@@ -19,9 +19,20 @@ const ABOUT: About = About {
     spec: "sine:60V@10Hz,for=2s+sine:60V@50Hz,for=2s+sine:60V@100Hz,for=2s",
 };
 
-const FORMS: &[Form] = &[Form {
-    name: "white",
-    kind: Kind::Spread,
-    parameters: |scales| vec![Parameter::amplitude("rms_s", "s", [0.0, scales.sample_s], 0.02 * scales.sample_s)],
-    install: |chain, p| chain.sensor.jitter_s = chain.sensor.jitter_s.hypot(p[0]),
-}];
+const FORMS: &[Form] = &[
+    Form {
+        name: "white",
+        kind: Kind::Spread,
+        parameters: |scales| vec![Parameter::amplitude("rms_s", "s", [0.0, scales.sample_s], 0.02 * scales.sample_s)],
+        install: |chain, p| chain.sensor.jitter_s = chain.sensor.jitter_s.hypot(p[0]),
+    },
+    Form {
+        name: "late",
+        kind: Kind::Mean,
+        parameters: |scales| {
+            let most_s = 0.5 * scales.sample_s;
+            vec![Parameter::amplitude("mean_s", "s", [-most_s, most_s], 0.02 * scales.sample_s)]
+        },
+        install: |chain, p| chain.sensor.late_s += p[0],
+    },
+];

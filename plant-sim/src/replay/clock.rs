@@ -136,7 +136,7 @@ impl Structure {
     /// That of `chain`; none where the sensor sees something else, or the structure later.
     fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
         let Chain { drive, plant, parts, sensor } = chain;
-        let is_seen_at_once = sensor.lag.is_none() && sensor.play_m == 0.0;
+        let is_seen_at_once = sensor.lag.is_none() && sensor.play_m == 0.0 && sensor.late_s == 0.0;
         let is_all =
             parts.modes.is_empty() && parts.arms.is_empty() && parts.creep.is_empty() && parts.linear.is_none();
         if !(is_seen_at_once && is_all) {
