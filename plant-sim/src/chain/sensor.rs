@@ -198,28 +198,16 @@ impl Sensor {
 
     /// The sensor without what [`Sensor::predictable_m`] does and without noise: play, lag, lateness and clock are left.
     pub fn before_reading(&self) -> Sensor {
-        let Sensor {
-            play_m,
-            play_spread,
-            drag_s,
-            drag_to,
-            lag,
-            lag_growth,
-            late_s,
-            clock_ratio,
-            clock_drift_per_s,
-            ..
-        } = *self;
         Sensor {
-            play_m,
-            play_spread,
-            drag_s,
-            drag_to,
-            lag,
-            lag_growth,
-            late_s,
-            clock_ratio,
-            clock_drift_per_s,
+            play_m: self.play_m,
+            play_spread: self.play_spread,
+            drag_s: self.drag_s,
+            drag_to: self.drag_to,
+            lag: self.lag,
+            lag_growth: self.lag_growth,
+            late_s: self.late_s,
+            clock_ratio: self.clock_ratio,
+            clock_drift_per_s: self.clock_drift_per_s,
             ..Self::IDEAL
         }
     }
