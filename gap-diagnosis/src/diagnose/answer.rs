@@ -18,7 +18,7 @@ use super::{Options, Say};
 use crate::identify::parameters::Quantity;
 use crate::locate::{StagePart, Trace, Where, locate, strongest};
 use crate::residual::{Autocorrelation, LAGS, noise_rms};
-use plant_sim::effects::{Stage, find};
+use plant_sim::effects::{Kind, Stage, find};
 use plant_sim::model::Model;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -28,8 +28,6 @@ pub const SCHEMA: &str = "hysteron-diagnosis-1";
 /// Noise that makes less than this share of the excess is no second effect, unless the first leaves less than this of the gap.
 const SECOND_SHARE: f64 = 0.15;
 const WELL: f64 = 0.1;
-/// What readings on a lattice show, whatever a fit leaves.
-const LATTICE: &str = "quantisation";
 /// What of `no_gap` becomes `unknown` where held-out rows show what no fitted row does.
 const SURPRISED: f64 = 0.97;
 /// Rows of a log that are kept for the page; beyond, every second one is dropped, and so on.
@@ -196,7 +194,7 @@ pub(super) fn answer(
     let well = explanation.is_some_and(|e| e.judged.left < WELL);
     let excess2 = course.scattered.excess_m2.max(0.0);
     let unseen = beyond_stated(bench.model, bench, &without).filter(|noise| {
-        let is_seen = noise.effect.id() == LATTICE;
+        let is_seen = noise.form.kind == Kind::Lattice;
         verdict == Verdict::NoGap || well || is_seen || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
     });
     let never_arrived = losses.and_then(lost).or_else(|| repeated(bench, &course.scattered));

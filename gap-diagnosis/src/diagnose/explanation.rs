@@ -22,6 +22,9 @@ const OF_LATENESS: f64 = 0.3;
 const NOT_NOISE: f64 = 0.12;
 const NOT_NOISE_OF_LOG: f64 = 0.25;
 
+/// What shows where the plant moves.
+const JITTER: &str = "sampling_jitter";
+
 /// One explanation of the gap, fitted and judged.
 #[derive(Clone)]
 pub struct Explanation {
@@ -70,7 +73,7 @@ impl Explanation {
 
     /// Errors of the sampling instants that it has, seconds.
     pub(super) fn jitter_s(&self) -> f64 {
-        let of_jitter = self.scatter.as_ref().filter(|(effect, ..)| effect.id() == "sampling_jitter");
+        let of_jitter = self.scatter.as_ref().filter(|(effect, ..)| effect.id() == JITTER);
         of_jitter.map_or(0.0, |(.., scattered)| scattered.jitter_s)
     }
 
@@ -120,7 +123,7 @@ pub(super) fn left_of_worst_log(search: &Search<'_>, fit: &Candidate, refit: &Ca
 pub(super) fn scatter_of_logs(explanation: &Explanation, bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
     let Some((effect, _, scattered)) = &explanation.scatter else { return Vec::new() };
     let of_log = |(record, left): (&Record<'_>, &Remainder)| {
-        if effect.id() != "sampling_jitter" {
+        if effect.id() != JITTER {
             return scattered.excess_m2.max(0.0);
         }
         let velocity = &left.velocity_m_per_s[record.run_in..];
@@ -153,7 +156,7 @@ pub(super) fn by_scatter(
         let left = ((1.0 - scattered.jitter_m2 / scattered.moving_m2).abs() - 0.1).max(0.0) + 0.02;
         let rival = if scattered.multiplied_m2 > scattered.jitter_m2 { 0.3 } else { 0.0 };
         let returning = (scattered.returning - OF_LATENESS).max(0.0) / (1.0 - OF_LATENESS);
-        add("sampling_jitter", "white", scattered.jitter_s, (left + rival).hypot(returning.sqrt()));
+        add(JITTER, "white", scattered.jitter_s, (left + rival).hypot(returning.sqrt()));
     }
     // Noise neither has lines nor follows anything that the registry's directions follow, or its octaves tell that it is noise.
     let [beyond, beyond_of_log] = scattered.beyond_any_noise;

@@ -109,9 +109,8 @@ impl Fits<'_> {
         fits
     }
 
-    /// The refit with what scatter of `effect` does in the mean, if it does anything.
+    /// The refit with what scatter of `effect` does in the mean, if the registry has a form for it.
     pub fn mean_of(&self, effect: &'static dyn Effect) -> Option<Candidate> {
-        (self.say)("looking beside what scatters", 0.66);
         let form = effect.forms().iter().find(|form| form.kind == Kind::Mean)?;
         let nothing = Lead { effect, form, values: vec![0.0], gain: 0.0, share: 0.0 };
         Some(self.search.extend_below(self.refit, &nothing, false, f64::INFINITY))
@@ -119,6 +118,7 @@ impl Fits<'_> {
 
     /// Fits of the first few leads on top of `base`, however little they promise.
     pub fn of_little(&self, base: &Candidate) -> Vec<Candidate> {
+        (self.say)("looking for what is small", 0.66);
         let starts = Starts::of(self.search.bench, &self.search.play(base));
         let leads = self.search.screen(base, &starts, self.without);
         let first = distinct(&leads).into_iter().take(FIRST).map(|lead| self.simplest(lead, &leads));

@@ -5,7 +5,7 @@ use super::explanation::Explanation;
 use super::fits::Fits;
 use super::judge::RESOLVED;
 use super::octaves::{Octave, octaves_beside, octaves_of, shown};
-use super::search::{Candidate, Remainder, Search, total};
+use super::search::{Candidate, Remainder, cheaper};
 use plant_sim::effects::Effect;
 
 /// Logarithm of a likelihood ratio, beyond one for each number, that no plant without an effect reaches: lines and wanders come to 80 of it in one of
@@ -49,31 +49,28 @@ impl Quiet {
     }
 }
 
-/// The fits that `of_little` makes of what a `refit` at the noise leaves, with what shows of them beyond their numbers, if anything does that a better
-/// refit has not; and the better refit.
-pub(super) fn below_noise(
-    mut refit: Candidate,
-    of_little: impl Fn(&Candidate) -> Vec<Candidate>,
-    search: &Search<'_>,
-) -> (Candidate, Vec<(Candidate, f64)>) {
+/// What shows below the noise of what a refit leaves, beyond its numbers, if anything does: a better refit, which what led this one out of a local minimum
+/// has shown, and fits of what that has not.
+pub(super) fn below_noise(fits: &Fits<'_>) -> Option<(Candidate, Vec<(Candidate, f64)>)> {
+    let search = fits.search;
     let octaves = |fit: &Candidate| octaves_of(search.bench, &search.play(fit));
     let has_lattice = search.bench.records.iter().any(|record| record.lattice_m > 0.0);
     let is_told = |fit: &Candidate| !(has_lattice && fit.hypothesis.ids().contains(&OF_LATTICE));
-    let fits: Vec<Candidate> = of_little(&refit).into_iter().filter(is_told).collect();
+    let with_octaves = |fit: Candidate| {
+        let octaves = octaves(&fit);
+        (fit, octaves)
+    };
+    let little: Vec<(Candidate, Vec<Octave>)> =
+        fits.of_little(fits.refit).into_iter().filter(is_told).map(with_octaves).collect();
     let beyond = |refit: &Candidate| -> Vec<f64> {
         let before = octaves(refit);
         let numbers = |fit: &Candidate| fit.found.z.len() as f64 - refit.found.z.len() as f64;
-        fits.iter().map(|fit| shown(&before, &octaves(fit)) - numbers(fit)).collect()
+        little.iter().map(|(fit, after)| shown(&before, after) - numbers(fit)).collect()
     };
-    let mut shows = beyond(&refit);
-    let most = (0..fits.len()).max_by(|a, b| shows[*a].total_cmp(&shows[*b])).filter(|most| shows[*most] > SHOWS);
-    let Some(most) = most else { return (refit, Vec::new()) };
-    // What led the refit out of a local minimum is no effect.
-    let again = search.refit_again(&refit, &fits[most]);
-    if total(&again) < total(&refit) {
-        refit = again;
-        shows = beyond(&refit);
-    }
-    let shown = fits.into_iter().zip(shows).filter(|(_, shows)| *shows > SHOWS).collect();
-    (refit, shown)
+    let most = little.iter().zip(beyond(fits.refit)).max_by(|a, b| a.1.total_cmp(&b.1));
+    let ((first, _), _) = most.filter(|(_, shows)| *shows > SHOWS)?;
+    let refit = cheaper(fits.refit.clone(), search.refit_again(fits.refit, first));
+    let shows = beyond(&refit);
+    let with_shows = little.into_iter().zip(shows).map(|((fit, _), shows)| (fit, shows));
+    Some((refit, with_shows.filter(|(_, shows)| *shows > SHOWS).collect()))
 }

@@ -11,7 +11,7 @@ use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
-use super::symmetry::{self, Freed, Shifts, freed};
+use super::symmetry::{Freed, Shifts, freed};
 use plant_sim::effects::REGISTRY;
 
 /// Chi-square that a comparison of two fits resolves.
@@ -103,30 +103,29 @@ fn least_fraction(refit: &Candidate) -> f64 {
 fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>) -> Course {
     let remainders = search.play(&refit);
     let scattered = scattered(search.bench, &remainders, true);
+    let fitting = Fits { search, refit: &refit, without, say };
     if !has_gap(&refit) {
-        let (refit, below) = below_noise(refit, |refit| Fits { search, refit, without, say }.of_little(refit), search);
+        let below = below_noise(&fitting);
+        let (refit, below) = below.unwrap_or((refit, Vec::new()));
         return without_gap(search, refit, scattered, &below, without);
     }
     let starts = Starts::of(search.bench, &remainders);
     say("screening the registry", 0.15);
     let leads = search.screen(&refit, &starts, without);
-    let mut fits = Fits { search, refit: &refit, without, say }.all(&leads, &remainders);
+    let mut fits = fitting.all(&leads, &remainders);
     let is_well = |fit: &Candidate| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST;
     if refit.found.prior_cost > BENT_COST && !fits.iter().any(is_well) {
         // No score tells of a setting that starts and numbers have taken for themselves.
         let seek = |hypothesis: &Hypothesis| search.from_first_stretches(hypothesis);
         fits.extend(set_in_each_log(search, &refit, without, seek).into_iter().map(|(fit, _)| fit));
     }
-    let best_share = leads.first().map_or(0.0, |lead| lead.share);
-    let mut scatter =
-        by_scatter(&scattered, &refit, least_fraction(&refit), without, best_share, !starts.line_hz.is_empty());
+    let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
+    let mut scatter = judge.by_scatter(&scattered, &refit);
     let scatters = scatter.iter().filter(|explanation| explanation.judged.left < SCATTERS);
     let quiet = scatters
         .min_by(|a, b| a.judged.left.total_cmp(&b.judged.left))
         .and_then(|explanation| Quiet::beside(search.bench, explanation, &remainders));
-    let fitting = Fits { search, refit: &refit, without, say };
     let hidden = quiet.as_ref().map_or_else(Vec::new, |quiet| quiet.hidden(&fitting));
-    let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
     let beside = judge.by_scatter_beside_fits(&hidden, quiet.as_ref(), &mut scatter);
     explanations.extend(scatter.iter().cloned());
@@ -176,7 +175,7 @@ fn without_gap(
     }
     let mut doubts = vec![NO_UNKNOWN; scores.len()];
     for (fit, shows) in below {
-        scores.push(SHOWN * shows - 0.5 * cost_of_shifts(&symmetry::freed(search, fit), fit) - LOOK_BELOW);
+        scores.push(SHOWN * shows - 0.5 * cost_of_fit(search, fit) - LOOK_BELOW);
         doubts.push(DOUBT_BELOW);
         explanations.push(Explanation::by_fit(fit, 0.0, floor));
     }
@@ -188,6 +187,11 @@ fn without_gap(
 /// What the shifts of a fit cost with none of its `directions` freed; what the mass is off by is a shift as well.
 fn cost_of_shifts(directions: &[Freed], fit: &Candidate) -> f64 {
     directions.first().map_or(fit.found.prior_cost, |freed| freed.cost_without)
+}
+
+/// The same of a fit whose directions nobody has freed yet.
+fn cost_of_fit(search: &Search<'_>, fit: &Candidate) -> f64 {
+    cost_of_shifts(&freed(search, fit), fit)
 }
 
 /// Fits at the noise with ordinary numbers and a sensor that was set anew for each log, where a refit has numbers that are none: starts and numbers make up for
@@ -206,7 +210,7 @@ fn set_in_each_log(
         is_setting.then(|| seek(&hypothesis))
     });
     let with_cost = fits.filter(|fit| fit.chi < AT_NOISE).map(|fit| {
-        let cost = cost_of_shifts(&freed(search, &fit), &fit);
+        let cost = cost_of_fit(search, &fit);
         (fit, cost)
     });
     with_cost.filter(|(_, cost)| *cost < BENT_COST).collect()

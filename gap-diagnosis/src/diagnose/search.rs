@@ -501,6 +501,6 @@ pub(super) fn cheaper(one: Candidate, other: Candidate) -> Candidate {
     if total(&other) < total(&one) { other } else { one }
 }
 
-pub(super) fn total(candidate: &Candidate) -> f64 {
+fn total(candidate: &Candidate) -> f64 {
     candidate.found.data_cost + candidate.found.prior_cost
 }
