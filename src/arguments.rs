@@ -310,7 +310,7 @@ pub struct DiagnoseCall {
     /// Measured logs (CSV, NPY or MAT v5)
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
-    /// Logs that are never fitted: they score the answer
+    /// Logs that score the answer; their first 30 % tells how they start, and the rest is never fitted
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub held_out: Vec<PathBuf>,
     /// Directory to write into, made if it is not there

@@ -284,6 +284,7 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (call("--spec hold:4V@1e-9s", "run"), 2, "a log has 16 to"),
         (call("--spec hold:4V@1s,shaped", "run"), 2, "`,shaped` is not played by a board"),
         (call("--spec multisine:4V@1-100Hz", "run"), 2, "a board holds 4096"),
+        (call("--spec hold:70V@0.1s", "run"), 2, "hold:70V@0.1s: it would take the stage to 136 um, and the [rig]"),
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
         (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
         (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),

@@ -6,7 +6,7 @@ mod support;
 use control_core::{FaultCode, ModeName};
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
-use hil_bridge::lockstep::{LockstepError, prepare, probe, run};
+use hil_bridge::lockstep::{LockstepError, Task, prepare, prepare_task, probe, run};
 use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
 use plant_sim::experiment::{Program, Setup, closed_loop};
@@ -127,6 +127,28 @@ fn a_plant_beyond_the_guard_ends_in_a_fault_at_0_v_and_is_cleared_only_when_told
     assert!(matches!(again, Err(LockstepError::InFault { .. })));
     prepare::<_, std::convert::Infallible>(&mut session, &pi1(), &waveform(SPEC), true).unwrap();
     assert_eq!(lockstep(&mut session, &noisy(), SPEC, SAMPLES, 1).unwrap().rows, in_process(1));
+}
+
+/// What a step in open loop leads to: whether it trips, and how far the structure moves.
+fn driven(volts: u32) -> (bool, f64) {
+    let (chain, waveform) = (noisy(), waveform(&format!("hold:{volts}V")));
+    let (mut session, input) = (Session::new(InProcess::nucleo()), InputSource::Bridge);
+    let task = Task { settings: Some(&pi1()), rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop: false, input };
+    let ready = prepare_task::<_, std::convert::Infallible>(&mut session, &task, false).unwrap();
+    let start = Start::relaxed(&chain);
+    let latency_s = ready.latency_s;
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s, seed: 1 };
+    let outcome = run(&mut session, &ready, &setup, |_, _| Ok::<(), std::convert::Infallible>(())).unwrap();
+    (outcome.fault == Some(FaultCode::DisplacementTrip), outcome.peak_m)
+}
+
+/// The trip watches where the stage is, and stops the drive: what has been set in motion goes on. That is why `record` asks the plant first.
+#[test]
+fn the_trip_acts_at_its_level_and_a_stage_in_motion_goes_on() {
+    let [(below, below_m), (above, above_m), (far, far_m)] = [62, 66, 90].map(driven);
+    assert!(!below && below_m < 120e-6, "{below_m:e}");
+    assert!(above && (120e-6..128e-6).contains(&above_m), "{above_m:e}");
+    assert!(far && (140e-6..175e-6).contains(&far_m), "{far_m:e}");
 }
 
 #[test]

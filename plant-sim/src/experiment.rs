@@ -255,6 +255,21 @@ pub fn open_loop(setup: &Setup<'_>, program: &Program, progress: &dyn Fn(usize))
     })
 }
 
+/// The farthest that `program`, as a command in volts, moves the structure, metres. Nothing is kept, so that hours take no memory.
+///
+/// # Errors
+/// A program that can't be played.
+pub fn open_loop_peak_m(setup: &Setup<'_>, program: &Program) -> Result<f64, SpecError> {
+    let segments = program.segments()?;
+    let (generator, mut state) = (Generator::new(&segments), GeneratorState::default());
+    let mut bench = Bench::new(setup);
+    let peaks_m = (0..setup.samples).map(|_| {
+        bench.apply(f64::from(generator.next(&mut state)));
+        bench.moved_m().abs()
+    });
+    Ok(peaks_m.fold(0.0, f64::max))
+}
+
 /// Why an experiment can't be run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {

@@ -15,6 +15,7 @@ use crate::effects::{Effect, Form};
 use crate::param::Param;
 use crate::phs::{Hysteron, Phs, PhsState};
 use crate::toml_file::{self, FileError};
+use control_core::Settings;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -195,6 +196,55 @@ pub struct RigSection {
     pub drive_max_v: Param,
     /// Largest displacement on either side.
     pub displacement_max_um: Param,
+}
+
+/// Settings of a loop that let it go beyond what the rig stands.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum BeyondRig {
+    /// The guard would trip too late.
+    #[error(
+        "the displacement trip of {trip_um} um lies above [rig] displacement_max_um = {most_um}: set it to {most_um} um at the most"
+    )]
+    Trip {
+        /// As set.
+        trip_um: f64,
+        /// What the rig stands.
+        most_um: f64,
+    },
+    /// The law could drive too far.
+    #[error("the drive limits of {} to {} V reach beyond [rig] drive_min_V = {} and drive_max_V = {}: set them within", limits_v[0], limits_v[1], rig_v[0], rig_v[1])]
+    Drive {
+        /// As set.
+        limits_v: [f64; 2],
+        /// What the rig stands.
+        rig_v: [f64; 2],
+    },
+}
+
+impl RigSection {
+    /// Whether a loop with these settings stays within the rig: its guard's trip, and the limits of its drive.
+    ///
+    /// # Errors
+    /// What lies beyond.
+    pub fn check(&self, settings: &Settings) -> Result<(), BeyondRig> {
+        // Settings are f32: the rig's own number, set, may come back greater by a rounding.
+        let slack = |value: f64| value.abs() * f64::from(f32::EPSILON);
+        let most_um = self.displacement_max_um.value;
+        let trip_um = seven_digits(f64::from(settings.trip_m) / MICRO);
+        let is_guarded = trip_um <= most_um + slack(most_um);
+        if !is_guarded {
+            return Err(BeyondRig::Trip { trip_um, most_um });
+        }
+        let limits_v = [settings.drive_min_v, settings.drive_max_v].map(|v| seven_digits(f64::from(v)));
+        let rig_v = [self.drive_min_v.value, self.drive_max_v.value];
+        let is_within = limits_v[0] >= rig_v[0] - slack(rig_v[0]) && limits_v[1] <= rig_v[1] + slack(rig_v[1]);
+        if is_within { Ok(()) } else { Err(BeyondRig::Drive { limits_v, rig_v }) }
+    }
+}
+
+/// An f32's digits without those that only look like some.
+fn seven_digits(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
 }
 
 /// `[initial_state]`.
@@ -478,4 +528,35 @@ enum Sense {
     Positive,
     NotNegative,
     Any,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rig_holds_its_own_numbers_and_nothing_beyond() {
+        let of = |value: f64| Param { value, sigma: None, sigma_abs: None, source: "test".to_owned() };
+        // Those of the thesis' bender, and some that f32 rounds upwards.
+        for [low_v, high_v, most_um] in [[-90.0, 90.0, 120.0], [-0.1, 0.7, 0.3], [-33.3, 66.6, 1e-3]] {
+            let rig = RigSection { drive_min_v: of(low_v), drive_max_v: of(high_v), displacement_max_um: of(most_um) };
+            let mut settings = Settings::unlimited(20e3, 0.0, 0.0, 0.0);
+            assert!(matches!(rig.check(&settings), Err(BeyondRig::Trip { trip_um: f64::INFINITY, .. })));
+            settings.trip_m = (most_um * 1e-6) as f32;
+            assert!(matches!(rig.check(&settings), Err(BeyondRig::Drive { .. })));
+            (settings.drive_min_v, settings.drive_max_v) = (low_v as f32, high_v as f32);
+            assert_eq!(rig.check(&settings), Ok(()));
+            // A part in 1e5 more is no rounding.
+            let beyond = [
+                Settings { trip_m: settings.trip_m * 1.00001, ..settings },
+                Settings { drive_min_v: settings.drive_min_v * 1.00001, ..settings },
+                Settings { drive_max_v: settings.drive_max_v * 1.00001, ..settings },
+                Settings { trip_m: f32::NAN, ..settings },
+            ];
+            for settings in beyond {
+                let line = rig.check(&settings).unwrap_err().to_string();
+                assert!(line.contains("[rig]") && line.contains("set ") && !line.contains('\n'), "{line}");
+            }
+        }
+    }
 }

@@ -4,7 +4,6 @@ use crate::arguments::BoardRunCall;
 use crate::failure::Failure;
 use crate::output;
 use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
-use plant_sim::chain::Chain;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::{Program, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
@@ -64,7 +63,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.drive.controller {
         let settings = settings(path, call.rate)?;
-        warnings.extend(margins(&settings, call.rate, LATENCY_S, &chain)?);
+        warnings.extend(loop_warnings(&settings, call.rate, LATENCY_S, &model)?);
         parameters = parameters.with_settings(&settings);
     }
     let checked =
@@ -109,15 +108,20 @@ pub fn settings(path: &Path, rate_hz: f64) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// Refuses an unstable loop; what there is to warn of.
-pub fn margins(settings: &Settings, rate_hz: f64, latency_s: f64, chain: &Chain) -> Result<Option<String>, Failure> {
+/// Refuses an unstable loop; what there is to warn of: small margins, and limits beyond what the rig stands.
+pub fn loop_warnings(settings: &Settings, rate_hz: f64, latency_s: f64, model: &Model) -> Result<Vec<String>, Failure> {
+    let chain = model.chain();
     let law = sampled_loop(settings, rate_hz, latency_s + chain.drive.delay_s);
     let assessment = assess(&chain.linear_regions()?, &law)?;
+    let mut warnings = Vec::new();
     match assessment.verdict {
-        Verdict::Unstable { .. } => Err(Failure::call(assessment.to_string())),
-        Verdict::BelowSixDb { .. } => Ok(Some(assessment.to_string())),
-        Verdict::Stable { .. } => Ok(None),
+        Verdict::Unstable { .. } => return Err(Failure::call(assessment.to_string())),
+        Verdict::BelowSixDb { .. } => warnings.push(assessment.to_string()),
+        Verdict::Stable { .. } => {}
     }
+    let beyond = model.rig.as_ref().and_then(|rig| rig.check(settings).err());
+    warnings.extend(beyond.map(|beyond| beyond.to_string()));
+    Ok(warnings)
 }
 
 fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<(), Failure> {

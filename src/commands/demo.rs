@@ -28,7 +28,9 @@ pub fn demo(seed: Option<u64>) -> Result<(), Failure> {
     output::line("  reproduce  the thesis' numbers and figures, printed beside recomputed");
     output::line("  board      the flash image on the virtual board");
     output::line("  hil        the control code on a board against the simulated plant");
+    output::line("  record     experiments on a bench that hangs on the board's own pins");
     output::line("  serve      the bench in a browser");
+    output::line("  export     a log as CSV, NPY, MAT v5, Parquet or MDF 4");
     output::line("\nhysteron COMMAND --help says more. Here is a demonstration; it takes about a minute.");
 
     let seed = seed.unwrap_or_else(clock);

@@ -90,7 +90,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         ready.latency_s = paced::latency_s(call.rate);
     }
     let mut warnings = model.warnings();
-    warnings.extend(board::margins(&settings, call.rate, ready.latency_s, &chain)?);
+    warnings.extend(board::loop_warnings(&settings, call.rate, ready.latency_s, &model)?);
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let start = Start { state, drive_v, memory: 0.0 };
     let samples = samples as usize;

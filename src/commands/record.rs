@@ -14,7 +14,7 @@ use hil_bridge::pins;
 use hil_bridge::recording::{Facts, Recording};
 use hil_bridge::run_directory::{RunError, check_place};
 use hil_bridge::session::{Board, Session};
-use plant_sim::experiment::{Bench, Program, Setup};
+use plant_sim::experiment::{Bench, Program, Setup, open_loop_peak_m};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
 use plant_sim::spec::{Spec, Unit};
@@ -28,6 +28,7 @@ const ROWS: std::ops::RangeInclusive<usize> = 16..=72_000_000;
 
 /// An experiment, ready to be played.
 struct Played {
+    program: Program,
     waveform: Waveform,
     samples: usize,
 }
@@ -187,10 +188,10 @@ fn lay_out(text: &str, rate_hz: f64) -> Result<Played, Failure> {
         )));
     }
     let waveform = Waveform::new(&spec, rate_hz).map_err(|error| Failure::call(format!("{text}: {error}")))?;
-    Ok(Played { waveform, samples })
+    Ok(Played { program, waveform, samples })
 }
 
-/// Refuses loops that can't be stable; what there is to warn of.
+/// Refuses loops that can't be stable and drives that would break the stage; what there is to warn of.
 fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -> Result<Vec<String>, Failure> {
     let Some(model) = model else {
         let blind = "no --plant: whether the loops are stable was not checked";
@@ -199,7 +200,22 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     let mut warnings = model.warnings();
     let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
     for settings in &plan.settings {
-        warnings.extend(board::margins(settings, call.rate, latency_s, &model.chain())?);
+        warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);
+    }
+    // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
+    let (chain, most_um) = (model.chain(), model.rig.as_ref().map(|rig| rig.displacement_max_um.value));
+    let start = Start::relaxed(&chain);
+    let driven = plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
+    for (experiment, Played { program, samples, .. }) in driven {
+        let (samples, seed) = (*samples, call.seed);
+        let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed };
+        let peak_um = 1e6 * open_loop_peak_m(&setup, program)?;
+        if let Some(most_um) = most_um.filter(|most_um| peak_um > *most_um) {
+            return Err(Failure::call(format!(
+                "{}: it would take the stage to {peak_um:.0} um, and the [rig] of --plant stands {most_um} um: lower the volts (a set's with --size)",
+                experiment.spec
+            )));
+        }
     }
     Ok(warnings)
 }

@@ -197,11 +197,14 @@ pub(super) fn answer(
         let is_seen = noise.form.kind == Kind::Lattice;
         verdict == Verdict::NoGap || well || is_seen || noise.power_m2 > SECOND_SHARE * (noise.power_m2 + excess2)
     });
-    let never_arrived = losses.and_then(lost).or_else(|| repeated(bench, &course.scattered));
-    let beyond = never_arrived.or(unseen).filter(|beyond| {
-        let is_new = random.iter().all(|known| known.effect.id() != beyond.effect.id());
-        is_new && verdict != Verdict::Unknown
-    });
+    let is_new = |beyond: &Random| {
+        verdict != Verdict::Unknown && random.iter().all(|known| known.effect.id() != beyond.effect.id())
+    };
+    let never_arrived = losses.and_then(lost).or_else(|| repeated(bench, &course.scattered)).filter(is_new);
+    // Noise beyond what is stated is none that a fit leaves: the rows' own noise has it.
+    let left_with = LeftWith::of(random.first().or(never_arrived.as_ref()));
+    let is_all_there = never_arrived.is_none();
+    let beyond = never_arrived.or(unseen.filter(is_new));
     if let Some(noise) = &beyond {
         verdict = Verdict::Explained;
         random.push(noise.clone());
@@ -209,12 +212,11 @@ pub(super) fn answer(
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
     let spread_m2 = found.spread_m2(benches);
-    let left =
-        Left { with: LeftWith::of(&found.random), spread_m2: &spread_m2, left_out_m2: found.left_out_m2.as_deref() };
+    let left = Left { with: left_with, spread_m2: &spread_m2, left_out_m2: found.left_out_m2.as_deref() };
     let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];
-    if beyond.is_none() && gap.surprises(&expected) {
+    if is_all_there && gap.surprises(&expected) {
         let stays = format!(
             "{}: {:.4} um stay where {:.4} um were to be expected",
             gap.headline,
@@ -515,7 +517,7 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
             is_held_out: index >= fitted,
             dt_s: stride as f64 * log.dt_s,
             from_s: log.time_start_s,
-            run_in: record.run_in / stride,
+            run_in: record.run_in.div_ceil(stride),
             drive_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
             measured_m: thin(&log.displacement_m),
             nominal_m: thin(&three.nominal[index]),

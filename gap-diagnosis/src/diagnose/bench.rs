@@ -59,7 +59,7 @@ impl Record<'_> {
     /// Whether row `k` is kept from the fits.
     #[inline]
     pub fn holds_out(&self, k: usize) -> bool {
-        self.held_stretch.is_some_and(|rows| (k / rows) % 5 == 3)
+        self.held_stretch.is_some_and(|rows| k >= self.run_in && ((k - self.run_in) / rows) % 5 == 3)
     }
 
     /// Whether row `k` only repeats the one before.

@@ -42,9 +42,9 @@ impl Directions {
     /// A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
     /// the refit leaves of the whole gap is left then, and less of it with what else was found: `beside_scatter` of it with what scatters.
     pub fn of(search: &Search<'_>, refit: &Candidate, without: &[&str], beside_scatter: f64) -> Self {
-        let excess = refit.chi - 1.0;
+        let excess = (refit.chi - 1.0).max(0.0);
         let whole = search.unfitted(&refit.hypothesis) - 1.0;
-        let rest = (excess / whole.max(excess)).sqrt();
+        let rest = (excess / whole.max(excess).max(f64::MIN_POSITIVE)).sqrt();
         let none = Self { first: None, sure: Vec::new(), pairs: Vec::new(), rest };
         let shifts = if rest * beside_scatter < MOSTLY { Shifts::of(search, refit) } else { None };
         let Some(shifts) = shifts else { return none };

@@ -11,7 +11,7 @@ const LEAST_ROWS: usize = 200;
 const OTHER_UNIT: f64 = 30.0;
 /// A log's response counts as one if it correlates with the prediction by this much.
 const CORRELATED: f64 = 0.5;
-/// Rows that a check looks at: a few thousand say it as well as all.
+/// Rows that a check looks at: so many say it as well as all.
 const LOOKED_AT: usize = 200_000;
 /// Rates that differ by more than this are different.
 const SAME_RATE: f64 = 1e-3;

@@ -222,9 +222,9 @@ pub(super) enum LeftWith {
 }
 
 impl LeftWith {
-    /// That of what was named.
-    pub fn of(random: &[Random]) -> Self {
-        match random.first().map(|random| random.effect.id()) {
+    /// That of what was named beyond what a fit explains.
+    pub fn of(random: Option<&Random>) -> Self {
+        match random.map(|random| random.effect.id()) {
             None => Self::Difference,
             Some("sampling_jitter" | "lost_samples") => Self::Speed,
             Some(_) => Self::Nothing,

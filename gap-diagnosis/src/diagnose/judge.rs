@@ -7,12 +7,12 @@ use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_wor
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
-use super::refit::{AT_NOISE, BENT_COST, gap_over_least, has_gap, refitted};
+use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, Shifts, freed};
-use plant_sim::effects::REGISTRY;
+use plant_sim::effects::{Kind, REGISTRY};
 
 /// Chi-square that a comparison of two fits resolves.
 pub(super) const RESOLVED: f64 = 20.0;
@@ -27,11 +27,12 @@ const SCATTERS: f64 = 0.3;
 /// Weight of what octaves show of an effect beside what scatters, and the most that it counts.
 const SHOWN: f64 = 0.03;
 const SHOWN_MOST: f64 = 8.0;
-/// What freeing one of a dozen directions must earn beyond its cost, and how likely an unknown effect is that leaves no gap.
+/// What freeing one of a dozen directions must earn beyond its cost.
 const LOOK_ELSEWHERE: f64 = 6.0;
 /// The same of what shows below the noise, which lattices and lines do at times, and how likely it is none of the registry's: its form is told roughly.
 const LOOK_BELOW: f64 = 12.0;
 const DOUBT_BELOW: f64 = 0.2;
+/// How likely an unknown effect is that leaves no gap.
 const NO_UNKNOWN: f64 = 0.007;
 
 /// What a course of diagnosis found.
@@ -87,16 +88,21 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     let shows_better = |fit: &&Candidate| {
         fit.left(&course.refit, 1.0) < MUCH_BETTER && !fit.hypothesis.installed.is_empty() && has_gap(&course.refit)
     };
-    let again = best.filter(shows_better).map(|fit| search.refit_again(&course.refit, fit));
+    // What a fit with states of its own at the start has found, starts in equilibrium may reach as well, if they are sought anew with its numbers.
+    let is_of_starts = |fit: &Candidate| fit.hypothesis.installed.iter().any(|i| i.form.kind == Kind::Start);
+    let again = best.filter(shows_better).map(|fit| match search.refit_again(&course.refit, fit) {
+        again if is_of_starts(fit) => come_home(search, search.resettled(again, &fit.found.z, &[])),
+        again => again,
+    });
     match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {
         Some(refit) => explain(search, refit, without, say),
         None => course,
     }
 }
 
-/// Least fraction of the gap that `refit` leaves which a comparison of fits resolves.
-fn least_fraction(refit: &Candidate) -> f64 {
-    (RESOLVED / (refit.rows() as f64 * (refit.chi - 1.0).max(1e-9))).sqrt().min(1.0)
+/// Least fraction of the gap that `refit` leaves above `noise` which a comparison of fits resolves.
+fn least_fraction(refit: &Candidate, noise: f64) -> f64 {
+    (RESOLVED / (refit.rows() as f64 * (refit.chi - noise).max(1e-9))).sqrt().min(1.0)
 }
 
 /// Explains what `refit` leaves.
@@ -121,12 +127,15 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     }
     let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut scatter = judge.by_scatter(&scattered, &refit);
-    let scatters = scatter.iter().filter(|explanation| explanation.judged.left < SCATTERS);
+    // A fit that leaves next to nothing has nothing hidden beside it.
+    let is_open = judge.best.is_none_or(|best| judge.left(best) > PAIR_BEYOND);
+    let scatters = scatter.iter().filter(|explanation| is_open && explanation.judged.left < SCATTERS);
     let quiet = scatters
         .min_by(|a, b| a.judged.left.total_cmp(&b.judged.left))
         .and_then(|explanation| Quiet::beside(search.bench, explanation, &remainders));
     let hidden = quiet.as_ref().map_or_else(Vec::new, |quiet| quiet.hidden(&fitting));
-    let mut explanations: Vec<Explanation> = fits.iter().map(|fit| judge.by_fit(fit)).collect();
+    let whole = hidden.iter().filter(|fit| judge.left(fit) <= PAIR_BEYOND);
+    let mut explanations: Vec<Explanation> = fits.iter().chain(whole).map(|fit| judge.by_fit(fit)).collect();
     let beside = judge.by_scatter_beside_fits(&hidden, quiet.as_ref(), &mut scatter);
     explanations.extend(scatter.iter().cloned());
     explanations.extend(beside);
@@ -148,7 +157,7 @@ fn without_gap(
     below: &[(Candidate, f64)],
     without: &[&str],
 ) -> Course {
-    let floor = least_fraction(&refit);
+    let floor = least_fraction(&refit, 1.0);
     let shifts = Shifts::of(search, &refit);
     let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
     let cost = cost_of_shifts(&freed, &refit);
@@ -253,7 +262,8 @@ impl<'a> Judge<'a> {
         let best_share = leads.first().map_or(0.0, |lead| lead.share);
         let has_lines = !starts.line_hz.is_empty();
         let octaves = octaves_of(search.bench, remainders);
-        Self { search, refit, octaves, without, fits, best, floor: least_fraction(refit), noise, best_share, has_lines }
+        let floor = least_fraction(refit, noise.min(1.0));
+        Self { search, refit, octaves, without, fits, best, floor, noise, best_share, has_lines }
     }
 
     /// Fraction of the gap that `fit` leaves, as amplitude.

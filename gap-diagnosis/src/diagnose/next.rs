@@ -11,7 +11,7 @@ use plant_sim::chain::Chain;
 use plant_sim::effects::{Kind, find};
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::replay::Start;
-use plant_sim::spec::Spec;
+use plant_sim::spec::{Shape, Spec};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -77,11 +77,13 @@ pub(super) fn next_experiment(
     }
     // What only scatters is told by how it scatters: its own experiment says how.
     let scatters = |id: &str| find(id).is_some_and(|e| e.forms().iter().all(|f| f.kind != Kind::Predictable));
-    let rate_hz = bench.records.iter().map(|r| r.log.dt_s.recip()).fold(0.0, f64::max);
-    let limit_v = limit_v(bench);
+    // To a thousandth of a hertz: a board's rates are whole parts of its clock.
+    let rate_hz = (1e3 * bench.records.iter().map(|r| r.log.dt_s.recip()).fold(0.0, f64::max)).round() / 1e3;
+    let range_v = range_v(bench);
+    let full = |text: &str| limit_v(text, range_v) / WRITTEN_FOR_V;
     let splits = || rivals.iter().map(|(id, _)| (*id).to_owned()).collect::<Vec<_>>();
     if let Some(about) = rivals.iter().find(|(id, _)| scatters(id)).and_then(|(id, _)| find(id)).map(|e| e.about())
-        && let Some(spec) = scaled(about.spec, limit_v / WRITTEN_FOR_V)
+        && let Some(spec) = scaled(about.spec, full(about.spec))
     {
         return Ok(NextExperiment { spec, rate_hz, splits: splits(), reason: format!("{}.", about.experiment) });
     }
@@ -93,7 +95,7 @@ pub(super) fn next_experiment(
     let best = texts
         .par_iter()
         .filter_map(|text| {
-            let full = limit_v / WRITTEN_FOR_V;
+            let full = full(text);
             let spec = [full, GENTLER * full].into_iter().find_map(|factor| {
                 let spec = scaled(text, factor)?;
                 Some((apart(bench, &chains, &spec, rate_hz)?, spec))
@@ -136,18 +138,32 @@ fn without_command(rivals: &[(&str, &Explanation)]) -> String {
     )
 }
 
-/// Volts that both signs may have: the rig's, or those of the logs.
-fn limit_v(bench: &Bench<'_>) -> f64 {
+/// Volts to drive with, from and to: the rig's as far as it may move, or those of the logs.
+fn range_v(bench: &Bench<'_>) -> [f64; 2] {
     match &bench.model.rig {
         Some(rig) => {
-            let drive_v = (-rig.drive_min_v.value).min(rig.drive_max_v.value).max(0.0);
-            drive_v.min(displacement_limit_m(bench) / bench.chain.plant.static_gain_m_per_v())
+            let most_v = displacement_limit_m(bench) / bench.chain.plant.static_gain_m_per_v();
+            [rig.drive_min_v.value.max(-most_v), rig.drive_max_v.value.min(most_v)]
         }
-        None => {
-            let scales = bench.scales();
-            scales.command_v[1].max(-scales.command_v[0])
-        }
+        None => bench.scales().command_v,
     }
+}
+
+/// Largest amplitude that `spec` may have within the range: where it swings both ways the smaller side's, else that of its own side. Many stages are
+/// driven with one sign only, or hardly with the other.
+fn limit_v(spec: &str, [low_v, high_v]: [f64; 2]) -> f64 {
+    let parts = Spec::parse(spec).map(|spec| spec.parts).unwrap_or_default();
+    let sides = parts.iter().map(|part| match part.shape {
+        Shape::Zero => [false; 2],
+        Shape::Hold | Shape::Step | Shape::Ladder { .. } => [part.amplitude < 0.0, part.amplitude > 0.0],
+        _ => [true; 2],
+    });
+    let [is_low, is_high] = sides.fold([false; 2], |all, one| [all[0] || one[0], all[1] || one[1]]);
+    let low_v = if is_low { -low_v } else { f64::INFINITY };
+    let high_v = if is_high { high_v } else { f64::INFINITY };
+    // What drives nothing has no volts to scale.
+    let limit_v = low_v.min(high_v).max(0.0);
+    if limit_v.is_finite() { limit_v } else { WRITTEN_FOR_V }
 }
 
 fn displacement_limit_m(bench: &Bench<'_>) -> f64 {
@@ -214,7 +230,7 @@ fn scaled(spec: &str, factor: f64) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{STANDARD, scaled};
+    use super::{STANDARD, limit_v, scaled};
     use plant_sim::effects::REGISTRY;
     use plant_sim::spec::Spec;
 
@@ -228,6 +244,18 @@ mod tests {
         );
         assert_eq!(scaled("ladder:-60V/2,hold=1s", 0.51).as_deref(), Some("ladder:-30V/2,hold=1s"));
         assert_eq!(scaled("sine:60V@50Hz", 0.0), None);
+    }
+
+    #[test]
+    fn a_stage_that_is_driven_one_way_is_not_driven_the_other() {
+        let both = "sine:60V@50Hz,for=2s+ladder:60V/4,hold=2s";
+        let of =
+            |range_v| [both, "ladder:60V/4,hold=2s", "ladder:-60V/4,hold=2s", "zero@2s"].map(|s| limit_v(s, range_v));
+        assert_eq!(of([-60.0, 60.0]), [60.0; 4]);
+        assert_eq!(of([-20.0, 120.0]), [20.0, 120.0, 20.0, 60.0]);
+        assert_eq!(of([0.0, 100.0]), [0.0, 100.0, 0.0, 60.0]);
+        // A stage that never comes back to zero.
+        assert_eq!(of([10.0, 100.0])[0], 0.0);
     }
 
     #[test]

@@ -32,6 +32,8 @@ pub(super) struct Octave {
     log: usize,
     /// Stretches of 2^level rows are compared with the next ones.
     level: i32,
+    /// Octaves by which the log's rows lie farther apart than a millisecond.
+    spacing: f64,
     /// Number of such pairs.
     pairs: f64,
     /// Mean square, scaled so that white noise has its variance in each octave, metres squared.
@@ -57,7 +59,7 @@ pub(super) fn octaves_beside(bench: &Bench<'_>, remainders: &[Remainder], jitter
         for (residual_m, v) in residual_m.iter_mut().zip(&left.velocity_m_per_s[record.run_in..]) {
             *residual_m /= (jitter_s * v / record.noise_m).hypot(1.0);
         }
-        octaves(log, &residual_m)
+        octaves(log, &residual_m, record.log.dt_s)
     };
     bench.records.iter().zip(remainders).enumerate().flat_map(of_log).collect()
 }
@@ -113,7 +115,7 @@ pub(super) fn beyond_any_noise(bench: &Bench<'_>, remainders: &[Remainder]) -> [
     let mut beyond = vec![0.0; remainders.len()];
     for octave in &octaves {
         let noise2 = bench.records[octave.log].noise_m.powi(2);
-        let expected = noise_m2(octave.level);
+        let expected = noise_m2(octave);
         let allowed = SIGMAS * octave.spread() * expected;
         excess[octave.log] += octave.pairs * (octave.power_m2 - noise2);
         beyond[octave.log] += octave.pairs * ((octave.power_m2 - expected).abs() - allowed).max(0.0);
@@ -124,7 +126,8 @@ pub(super) fn beyond_any_noise(bench: &Bench<'_>, remainders: &[Remainder]) -> [
 }
 
 /// Powers of a log's octaves, fastest first: mean squares of its Haar wavelets.
-fn octaves(log: usize, residual_m: &[f64]) -> Vec<Octave> {
+fn octaves(log: usize, residual_m: &[f64], dt_s: f64) -> Vec<Octave> {
+    let spacing = (1e3 * dt_s).log2();
     let mut sums = Cow::Borrowed(residual_m);
     let mut octaves = Vec::new();
     for level in 0.. {
@@ -134,17 +137,21 @@ fn octaves(log: usize, residual_m: &[f64]) -> Vec<Octave> {
         }
         let scale = 0.5 / f64::from(1u32 << level);
         let power_m2 = sums.chunks_exact(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() * scale / pairs as f64;
-        octaves.push(Octave { log, level, pairs: pairs as f64, power_m2 });
+        octaves.push(Octave { log, level, spacing, pairs: pairs as f64, power_m2 });
         sums = sums.chunks_exact(2).map(|pair| pair[0] + pair[1]).collect();
     }
     octaves
 }
 
-/// Power over level of the noise that fits best: white, and a part that grows by 2^n with every octave towards slow ones. None without octaves.
-fn smooth(octaves: &[Octave]) -> Option<impl Fn(i32) -> f64 + use<>> {
-    let slowest = octaves.iter().map(|octave| octave.level).max()?;
-    let shape =
-        move |fall: f64, white: f64, level: i32| white + (1.0 - white) * (fall * f64::from(level - slowest)).exp2();
+/// Power in an octave of the noise that fits best: white, which has the same in every row, and a part that grows by 2^n with every octave towards slow
+/// ones and has a density of its own, of which rows farther apart hold as much less. None without octaves.
+fn smooth(octaves: &[Octave]) -> Option<impl Fn(&Octave) -> f64 + use<>> {
+    let place = |octave: &Octave| f64::from(octave.level) + octave.spacing;
+    let slowest = octaves.iter().map(place).reduce(f64::max)?;
+    let closest = octaves.iter().map(|octave| octave.spacing).fold(f64::INFINITY, f64::min);
+    let shape = move |fall: f64, white: f64, octave: &Octave| {
+        white + (1.0 - white) * (fall * (place(octave) - slowest) - (octave.spacing - closest)).exp2()
+    };
     let mut best = (f64::INFINITY, 0.0, 1.0, 1.0);
     for step in 0..FALLS {
         let fall = STEEPEST * step as f64 / (FALLS - 1) as f64;
@@ -152,7 +159,7 @@ fn smooth(octaves: &[Octave]) -> Option<impl Fn(i32) -> f64 + use<>> {
             let white = SMALLER.powi(share);
             let logs = || {
                 octaves.iter().filter(|octave| octave.power_m2 > 0.0).map(|octave| {
-                    let ratio = octave.power_m2 / shape(fall, white, octave.level);
+                    let ratio = octave.power_m2 / shape(fall, white, octave);
                     // The logarithm of a mean square of few squares comes out below that of its expectation.
                     (ratio.ln() + 1.0 / octave.pairs, octave.spread().powi(-2))
                 })
@@ -166,7 +173,7 @@ fn smooth(octaves: &[Octave]) -> Option<impl Fn(i32) -> f64 + use<>> {
         }
     }
     let (misfit, fall, white, size) = best;
-    misfit.is_finite().then_some(move |level: i32| size * shape(fall, white, level))
+    misfit.is_finite().then_some(move |octave: &Octave| size * shape(fall, white, octave))
 }
 
 #[cfg(test)]
@@ -188,13 +195,18 @@ mod tests {
 
     /// A lag in each octave, of one power each, makes power that falls with frequency.
     fn flicker(seed: u64) -> Vec<f64> {
+        steeper(seed, 0.0)
+    }
+
+    /// The same, where each octave has so many octaves more power than the next faster one.
+    fn steeper(seed: u64, by: f64) -> Vec<f64> {
         let mut sum = vec![0.0; ROWS];
         for octave in 0..10 {
             let keep = (-1.0 / f64::from(1 << octave)).exp();
             let mut slow = 0.0;
             for (sum, white) in sum.iter_mut().zip(white(100 * seed + octave)) {
                 slow = keep * slow + (1.0 - keep * keep).sqrt() * white;
-                *sum += slow;
+                *sum += (0.5 * by * octave as f64).exp2() * slow;
             }
         }
         sum
@@ -202,15 +214,29 @@ mod tests {
 
     /// Three logs with white noise, and `more` in each: `of` says something of what is left of them.
     fn of_three<T>(more: &dyn Fn(u64, usize) -> f64, of: impl Fn(&Bench<'_>, &[Remainder]) -> T) -> T {
+        of_three_every(&[1; 3], more, of)
+    }
+
+    /// The same with every so many-th row of each.
+    fn of_three_every<T>(
+        every: &[usize; 3],
+        more: &dyn Fn(u64, usize) -> f64,
+        of: impl Fn(&Bench<'_>, &[Remainder]) -> T,
+    ) -> T {
         let model = thesis();
-        let log = |n| Log { dt_s: 5e-5, command_v: vec![0.0; ROWS], displacement_m: white(n), ..Log::default() };
-        let logs = [log(1), log(2), log(3)];
+        let log = |n: usize| {
+            let displacement_m: Vec<f64> = white(n as u64 + 1).into_iter().step_by(every[n]).collect();
+            let (dt_s, command_v) = (5e-5 * every[n] as f64, vec![0.0; displacement_m.len()]);
+            Log { dt_s, command_v, displacement_m, ..Log::default() }
+        };
+        let logs = [0, 1, 2].map(log);
         let mut bench = Bench::new(&model, logs.iter().map(|log| record(log, &model.chain(), None)).collect());
         bench.records.iter_mut().for_each(|record| record.noise_m = NOISE_M);
         let remainders: Vec<Remainder> = (0..3)
             .map(|n| {
-                let residual_m = white(n + 1).iter().enumerate().map(|(k, white)| white + more(n, k)).collect();
-                Remainder { velocity_m_per_s: vec![0.0; ROWS], residual_m }
+                let rows = white(n + 1).into_iter().enumerate().step_by(every[n as usize]);
+                let residual_m: Vec<f64> = rows.map(|(k, white)| white + more(n, k)).collect();
+                Remainder { velocity_m_per_s: vec![0.0; residual_m.len()], residual_m }
             })
             .collect();
         of(&bench, &remainders)
@@ -277,6 +303,10 @@ mod tests {
     fn flicker_is_noise_and_what_one_log_or_one_octave_has_is_not() {
         let slow: Vec<Vec<f64>> = (1..4).map(flicker).collect();
         let [all, worst] = beyond(|n, k| slow[n as usize][k]);
+        assert!(all < 0.02 && worst < 0.06, "{all} {worst}");
+        // A slower log has the same noise, and less of its slow part in each row's share.
+        let steep: Vec<Vec<f64>> = (1..4).map(|n| steeper(n, 0.5)).collect();
+        let [all, worst] = of_three_every(&[1, 1, 4], &|n, k| steep[n as usize][k], beyond_any_noise);
         assert!(all < 0.02 && worst < 0.06, "{all} {worst}");
         let [all, worst] = beyond(|n, k| if n == 1 { slow[1][k] } else { 0.0 });
         assert!(all > 0.3 && worst > 0.3, "{all} {worst}");

@@ -5,7 +5,7 @@
 
 use super::bench::{Bench, Freedom, Hypothesis, Installed, Record};
 use super::normal::reader;
-use super::records::record;
+use super::records::{record, share_noise};
 use super::starts::{Settled, play_log, scored_from, settle, sought};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::log::Log;
@@ -38,7 +38,11 @@ impl<'a> Benches<'a> {
     /// The benches of the fitted `records` and of the `held_out` logs.
     pub fn new(model: &'a Model, records: Vec<Record<'a>>, held_out: &'a [Log], run_in_s: Option<f64>) -> Self {
         let chain = model.chain();
-        let held = held_out.iter().map(|log| record(log, &chain, run_in_s)).collect::<Vec<_>>();
+        let held = held_out.iter().map(|log| record(log, &chain, run_in_s).whole());
+        // The fitted logs tell their noise without the others, and the others' with them.
+        let mut all: Vec<Record<'a>> = records.iter().cloned().chain(held).collect();
+        share_noise(&mut all, model.sensor.noise_um.as_ref());
+        let held = all.split_off(records.len());
         Self { fitted: fine(model, records), held: (!held.is_empty()).then(|| fine(model, held)) }
     }
 
@@ -125,8 +129,9 @@ impl<'a> Benches<'a> {
             }
             products
         };
-        let sum = starts.par_iter().enumerate().map(one).reduce(zero, |a, b| a + b);
-        sum / scored_rows(held)
+        // In order, so that the last digit does not hang on the number of threads.
+        let of_logs: Vec<DMatrix<f64>> = starts.par_iter().enumerate().map(one).collect();
+        of_logs.into_iter().fold(zero(), |a, b| a + b) / scored_rows(held)
     }
 }
 

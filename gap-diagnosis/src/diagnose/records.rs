@@ -48,7 +48,7 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         lattice_m,
         is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m, noise_m.max(LEAST_NOISE_M)) },
         before_v: before(log, chain),
-        held_stretch: Some((log.len() / STRETCHES).max(16)),
+        held_stretch: Some(((log.len() - run_in) / STRETCHES).max(16)),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
             let [low, high] = extremes(drive_v.iter().copied());
             noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)

@@ -65,8 +65,19 @@ fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
         }
         refit = search.resettled(refit, &found.found.z, &logs);
         if !has_gap(&refit) {
-            return if is_bent(&refit) { search.unbent(refit) } else { refit };
+            return come_home(search, refit);
         }
+    }
+    refit
+}
+
+/// A refit at the noise, its numbers asked to come home if they have wandered: alone, then with starts that settle there.
+pub(super) fn come_home(search: &Search<'_>, mut refit: Candidate) -> Candidate {
+    if !has_gap(&refit) && is_bent(&refit) {
+        refit = search.unbent(refit);
+    }
+    if !has_gap(&refit) && is_bent(&refit) {
+        refit = search.refit_elsewhere(refit, &vec![0.0; search.bench.free.len()], 0);
     }
     refit
 }

@@ -210,6 +210,9 @@ impl Diagnosis {
         } else {
             let left = format!("Leaves {:.1} % of the gap", 100.0 * rival.left);
             match self.evidence.named_left {
+                None if self.verdict == Verdict::NoGap => {
+                    "Nothing but noise is left for it to explain, and the numbers are ordinary without it.".to_owned()
+                }
                 None => format!("{left}, by numbers that are not believed."),
                 Some(named) if rival.left > MORE * named => format!("{left}, more than the one named."),
                 Some(_) if rival.effects.len() > self.effects.len() => {

@@ -83,7 +83,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
             stretches.push((mean2 - noise2).max(0.0));
         }
         for k in fitted.step_by(stride) {
-            if record.has_lost(k) || k < record.run_in + lag {
+            if k < record.run_in + lag || record.has_lost(k) || record.has_lost(k - lag) {
                 continue;
             }
             // Half the squared difference of neighbours, or of rows between which the instants' error is forgotten: what is slow drops out.
@@ -105,7 +105,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
         jitter_s: slope.max(0.0).sqrt(),
         jitter_sigma_s: 0.5 * slope_sigma / slope.max(slope_sigma).sqrt(),
         jitter_m2: slope.max(0.0) * mean_v2,
-        moving_m2: squares / count - foot,
+        moving_m2: squares / (count - repeats.0 as f64).max(1.0) - foot,
         repeated_share: repeats.0 as f64 / count,
         repeated_m2: f64::max(repeats.1, 0.0) / count,
         returning: returning(bench, remainders),
@@ -243,6 +243,29 @@ mod tests {
         // As much of either: 2e-7^2 / 2 against 3e-7^2 / 3.
         let both = share(2e-7, 3e-7);
         assert!((both - 0.4).abs() < 0.1, "{both}");
+    }
+
+    /// A reading that stayed where it was is off by the whole way of a row: neither it nor what follows tells of the instants.
+    #[test]
+    fn jitter_is_told_beside_rows_that_were_lost() {
+        const JITTER_S: f64 = 5e-6;
+        let (model, rows, dt_s) = (thesis(), 40_000, 5e-5);
+        let mut random = Pcg64::seed_from_u64(8);
+        let mut draw = || random.sample::<f64, _>(StandardNormal);
+        let speed = |k: usize| 2e-2 * (3e-3 * k as f64).sin();
+        let is_lost: Vec<bool> = (0..rows).map(|k| k % 33 == 5).collect();
+        let residual_m = (0..rows).map(|k| {
+            let late_s = if is_lost[k] { dt_s } else { JITTER_S * draw() };
+            2e-8 * draw() + late_s * speed(k)
+        });
+        let left = [Remainder { residual_m: residual_m.collect(), velocity_m_per_s: (0..rows).map(speed).collect() }];
+        let log = Log { dt_s, command_v: vec![0.0; rows], displacement_m: vec![0.0; rows], ..Log::default() };
+        let mut bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        bench.records[0] = crate::diagnose::bench::Record { noise_m: 2e-8, is_lost, ..bench.records[0].clone() };
+        let found = scattered(&bench, &left, false);
+        assert!((found.jitter_s / JITTER_S - 1.0).abs() < 0.05, "{:e}", found.jitter_s);
+        // It accounts for all that moves.
+        assert!((found.jitter_m2 / found.moving_m2 - 1.0).abs() < 0.1, "{found:?}");
     }
 
     #[test]

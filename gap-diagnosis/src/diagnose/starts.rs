@@ -227,14 +227,14 @@ impl<'b> FirstStretch<'b> {
         })
     }
 
-    /// What stays of the rows. Coarse laws err by a nanometre or two, which moves a start by no more.
+    /// What stays of the rows that are fitted. Coarse laws err by a nanometre or two, which moves a start by no more.
     fn residuals(&self, z: &[f64]) -> Vec<f64> {
         let log = self.bench.records[self.index].log;
         let (mut chain, start) = normal::at(self.bench, self.hypothesis, z, self.index);
         chain.parts.is_coarse = true;
         let mut reader = Reader::new(&chain, log, &start);
-        let left = log.displacement_m[..self.rows.end].iter().map(|y| y - reader.next_m());
-        left.skip(self.rows.start).collect()
+        let left = log.displacement_m[..self.rows.end].iter().map(|y| y - reader.next_m()).enumerate();
+        left.filter(|(row, _)| self.bench.records[self.index].fits(*row)).map(|(_, left)| left).collect()
     }
 
     /// How the predictions change with each coordinate, where `here` are the residuals at `z`.
@@ -404,6 +404,26 @@ mod tests {
         let (memories, missed, open) = sought_for(&[0.3, -0.2]);
         assert_eq!(memories, 2);
         assert!(missed > 3.0 && missed < 3.0 * open, "{missed} {open}");
+    }
+
+    #[test]
+    fn rows_that_are_held_out_or_lost_tell_nothing_of_a_start() {
+        let (model, log) = log(&[0.3, -0.2]);
+        let found = |is_lost: &dyn Fn(usize) -> bool, off_m: f64| {
+            let mut record = record(&log, &model.chain(), None);
+            record.is_lost = (0..log.len()).map(is_lost).collect();
+            let mut spoilt = log.clone();
+            let rows = spoilt.displacement_m.iter_mut().enumerate().filter(|(row, _)| !record.fits(*row));
+            rows.for_each(|(_, y)| *y += off_m);
+            let bench = Bench::new(&model, vec![Record { log: &spoilt, ..record }]);
+            let nominal = Hypothesis::nominal(Freedom::Rest);
+            sought(&bench, &nominal, bench.origin(&nominal), 0).z
+        };
+        let lost = |row: usize| row % 50 == 7;
+        assert!([600, 707].iter().all(|row| row / (log.len() / 40) % 5 == 3 || lost(*row)));
+        assert_eq!(found(&lost, 0.0), found(&lost, 1e-6));
+        // Others do.
+        assert_ne!(found(&lost, 0.0), found(&|row| row % 50 == 8, 1e-6));
     }
 
     #[test]

@@ -110,11 +110,12 @@ pub(super) fn ranking(
             explanation.judged.ids.iter().map(|id| (*id, 1.0)).collect()
         };
         let gap2_m2 = course.refit.found.rms_m().powi(2) * (1.0 - 1.0 / course.refit.chi.max(1.0));
-        members.extend(beyond_stated.map(|random| {
+        let is_new = |random: &&Random| members.iter().all(|(id, _)| *id != random.effect.id());
+        let more = beyond_stated.filter(is_new).map(|random| {
             let left2_m2 = gap2_m2 * (explanation.judged.left.powi(2) + explanation.judged.floor.powi(2));
             (random.effect.id(), needed_beside(left2_m2, random.power_m2))
-        }));
-        members.dedup_by_key(|(id, _)| *id);
+        });
+        members.extend(more);
         let sum: f64 = members.iter().map(|(_, needed)| needed).sum();
         let count = members.len() as f64;
         let least = LEAST_SHARE.min(1.0 / count);
@@ -249,12 +250,16 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
                     members.push(id);
                 }
             }
-            reasons.push(format!(
+            reasons.push(if !course.has_gap() {
+                format!("with {own} and with {theirs} alike nothing stays but noise, so that only what the numbers' shifts cost and what shows below the noise tell")
+            } else {
+                format!(
                 "{own} leaves {:.1} % of the gap and {theirs} {:.1} %, while these logs resolve {:.1} %",
                 100.0 * left,
                 100.0 * their_left,
                 100.0 * floor
-            ));
+            )
+            });
         }
     }
     if members.len() > 1 {
