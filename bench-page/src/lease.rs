@@ -10,10 +10,16 @@ pub type PageId = u64;
 /// Longest silence of the page that holds control. It answers every status, ten a second; the board's own patience with its host is 0.25 s.
 pub const LAPSE: Duration = Duration::from_secs(2);
 
-/// Another page holds control.
+/// Why a page does not get control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("another page holds control: release it there, or close that page")]
-pub struct Held;
+pub enum TakeError {
+    /// Another page has it.
+    #[error("another page holds control: release it there, or close that page")]
+    Held,
+    /// It has just lapsed, and what this page began is not ended yet.
+    #[error("this page was silent for too long and its run is being ended: take control again")]
+    Lapsed,
+}
 
 /// The lease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,13 +28,15 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// Gives control to `page`, unless another one has it.
+    /// Gives control to `page`, unless a page has it. A lapsed holder has it until [`Lease::lapse`] was told: whoever took it
+    /// before would keep a run going that a silent page began.
     ///
     /// # Errors
-    /// [`Held`].
-    pub fn take(&mut self, page: PageId, now: Duration) -> Result<(), Held> {
+    /// [`TakeError`].
+    pub fn take(&mut self, page: PageId, now: Duration) -> Result<(), TakeError> {
         match self.holder {
-            Some((holder, heard)) if holder != page && now.saturating_sub(heard) <= LAPSE => Err(Held),
+            Some((holder, _)) if holder != page => Err(TakeError::Held),
+            Some((_, heard)) if is_over(heard, now) => Err(TakeError::Lapsed),
             _ => {
                 self.holder = Some((page, now));
                 Ok(())
@@ -36,10 +44,13 @@ impl Lease {
         }
     }
 
-    /// `page` is still there.
+    /// `page` is still there. Once it was silent for too long, that is too late.
     pub fn beat(&mut self, page: PageId, now: Duration) {
-        if self.is_held_by(page) {
-            self.holder = Some((page, now));
+        if let Some((holder, heard)) = &mut self.holder
+            && *holder == page
+            && !is_over(*heard, now)
+        {
+            *heard = now;
         }
     }
 
@@ -54,7 +65,7 @@ impl Lease {
 
     /// Whether control has just lapsed; says so once.
     pub fn lapse(&mut self, now: Duration) -> bool {
-        let lapsed = self.holder.is_some_and(|(_, heard)| now.saturating_sub(heard) > LAPSE);
+        let lapsed = self.holder.is_some_and(|(_, heard)| is_over(heard, now));
         if lapsed {
             self.holder = None;
         }
@@ -72,6 +83,10 @@ impl Lease {
     }
 }
 
+fn is_over(heard: Duration, now: Duration) -> bool {
+    now.saturating_sub(heard) > LAPSE
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,7 +96,7 @@ mod tests {
     #[test]
     fn one_page_holds_control_and_another_gets_it_after_release() {
         let mut lease = Lease::default();
-        assert_eq!((lease.take(1, S), lease.take(2, S), lease.take(1, S)), (Ok(()), Err(Held), Ok(())));
+        assert_eq!((lease.take(1, S), lease.take(2, S), lease.take(1, S)), (Ok(()), Err(TakeError::Held), Ok(())));
         assert!(!lease.release(2));
         assert!(lease.release(1));
         assert_eq!((lease.take(2, S), lease.holder()), (Ok(()), Some(2)));
@@ -102,9 +117,15 @@ mod tests {
     }
 
     #[test]
-    fn a_lapsed_lease_is_free_even_before_anybody_noticed() {
+    fn a_lapsed_lease_is_free_only_after_its_lapse_was_told() {
         let mut lease = Lease::default();
         lease.take(1, S).unwrap();
-        assert_eq!((lease.take(2, 10 * S), lease.holder()), (Ok(()), Some(2)));
+        let late = 3 * S + Duration::from_millis(1);
+        assert_eq!(lease.take(2, late), Err(TakeError::Held));
+        // Nor does the silent page come back before its run has ended.
+        lease.beat(1, late);
+        assert_eq!(lease.take(1, late), Err(TakeError::Lapsed));
+        assert!(lease.lapse(late), "whoever runs the bench is told");
+        assert_eq!((lease.take(2, late), lease.holder()), (Ok(()), Some(2)));
     }
 }

@@ -7,6 +7,7 @@
 //! | `/report/TICKET/report.html` | the last diagnosis; the ticket is told over the socket |
 //!
 //! Everything runs in one thread beside the engine's. A socket's task holds one frame at most: while that is on its way, the next ones are left out.
+//! An answer that takes its time is sent when it is there; until then the page is listened to, its beats and its stop above all.
 
 use crate::access::{Gate, Token};
 use crate::engine::{CHANNEL_TABLE, Engine, Wish};
@@ -22,12 +23,16 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use std::future::IntoFuture;
+use std::collections::VecDeque;
+use std::future::{IntoFuture, pending};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
+use std::path::Path as FilePath;
+use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::Semaphore;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
 /// The page's files: address, type, content.
@@ -57,6 +62,14 @@ const STATUS_EVERY: u64 = 3;
 const SPECTRUM_EVERY: u64 = 15;
 /// Pages at once; more than a lab has screens.
 const MOST_PAGES: usize = 32;
+/// Orders of one page that may wait for the engine's answer; stops may be twice as many, so that what came before keeps none back.
+const MOST_ORDERS: usize = 8;
+/// To a page that goes on asking while the engine is silent.
+const NO_ANSWERS: &str = "the engine has not answered what this page asked before: wait, or use the wired stop";
+/// Lists and comparisons that one page may wait for; they are read one after another.
+const MOST_READS: usize = 4;
+/// Lists and comparisons that are read at once for all pages: the log of ten minutes takes half a gigabyte.
+const READS_AT_ONCE: usize = 2;
 /// How often the lease is looked at.
 const LEASE_LOOK: Duration = Duration::from_millis(200);
 
@@ -65,6 +78,7 @@ struct Served {
     engine: Engine,
     gate: Gate,
     lease: Mutex<Lease>,
+    reads: Arc<Semaphore>,
     since: Instant,
     pages: AtomicU64,
 }
@@ -117,6 +131,7 @@ impl Server {
                 engine,
                 gate: Gate::new(self.at, self.token),
                 lease: Mutex::default(),
+                reads: Arc::new(Semaphore::new(READS_AT_ONCE)),
                 since: Instant::now(),
                 pages: AtomicU64::new(1),
             });
@@ -267,6 +282,8 @@ async fn page(mut socket: WebSocket, served: Arc<Served>) {
         wants_spectrum: false,
         seen: 0,
         frames: 0,
+        orders: VecDeque::new(),
+        reads: VecDeque::new(),
     };
     page.talk(&mut socket).await;
     drop(present);
@@ -300,6 +317,21 @@ async fn greet(socket: &mut WebSocket, served: &Served) -> Result<(), String> {
     socket.send(Message::Text(hello.to_string().into())).await.map_err(|error| error.to_string())
 }
 
+/// An answer that is there later.
+type Later = Pin<Box<dyn Future<Output = Message> + Send>>;
+
+/// The answer that was asked for first; never, where none is awaited. Left before its end, it loses nothing.
+async fn first(awaited: &mut VecDeque<Later>) -> Message {
+    match awaited.front_mut() {
+        Some(later) => {
+            let message = later.await;
+            awaited.pop_front();
+            message
+        }
+        None => pending().await,
+    }
+}
+
 /// One page's state here.
 struct Page {
     id: PageId,
@@ -311,6 +343,10 @@ struct Page {
     /// Version of what changes seldom that the page has.
     seen: u64,
     frames: u64,
+    /// Answers of the engine.
+    orders: VecDeque<Later>,
+    /// Answers out of files; each is begun when the one before is there.
+    reads: VecDeque<Later>,
 }
 
 impl Page {
@@ -319,25 +355,19 @@ impl Page {
         // A page that was slow gets the next frame when it is due, not all that it missed.
         frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
-            tokio::select! {
-                message = socket.recv() => {
-                    let text = match message {
-                        Some(Ok(Message::Text(text))) => text,
-                        Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
-                        Some(Ok(Message::Binary(_) | Message::Close(_)) | Err(_)) | None => return,
-                    };
-                    for reply in self.answer(&text).await {
-                        if socket.send(reply).await.is_err() {
-                            return;
-                        }
-                    }
-                }
-                _ = frames.tick() => {
-                    for message in self.frame() {
-                        if socket.send(message).await.is_err() {
-                            return;
-                        }
-                    }
+            let messages = tokio::select! {
+                message = socket.recv() => match message {
+                    Some(Ok(Message::Text(text))) => self.answer(&text).into_iter().collect(),
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
+                    Some(Ok(Message::Binary(_) | Message::Close(_)) | Err(_)) | None => return,
+                },
+                answer = first(&mut self.orders) => vec![answer],
+                answer = first(&mut self.reads) => vec![answer],
+                _ = frames.tick() => self.frame(),
+            };
+            for message in messages {
+                if socket.send(message).await.is_err() {
+                    return;
                 }
             }
         }
@@ -389,38 +419,42 @@ impl Page {
         })
     }
 
-    async fn answer(&mut self, text: &str) -> Vec<Message> {
+    /// What is answered at once, and nothing where the answer comes later or none is wanted.
+    fn answer(&mut self, text: &str) -> Option<Message> {
         let value: Value = serde_json::from_str(text).unwrap_or_default();
         // The number that the answer carries; a request without one gets it all the same.
         let id = value["id"].as_u64().and_then(|id| u32::try_from(id).ok()).unwrap_or(0);
         let asked = match Asked::deserialize(value) {
             Ok(asked) => asked,
-            Err(error) => return vec![reply(id, Err(format!("not understood: {error}")), Value::Null)],
+            Err(error) => return Some(reply(id, Err(format!("not understood: {error}")), Value::Null)),
         };
         let done = match asked {
             Asked::Beat => {
                 self.served.lease().beat(self.id, self.served.since.elapsed());
-                return Vec::new();
+                return None;
             }
             Asked::TakeControl => {
                 let taken = self.served.lease().take(self.id, self.served.since.elapsed());
-                taken.map(|()| "this page holds control".to_owned()).map_err(|held| held.to_string())
+                taken.map(|()| "this page holds control".to_owned()).map_err(|error| error.to_string())
             }
+            Asked::Stop | Asked::ReleaseControl if self.orders.len() >= 2 * MOST_ORDERS => Err(NO_ANSWERS.to_owned()),
             Asked::ReleaseControl => {
                 let had = self.served.lease().release(self.id);
+                let free = || Ok("control is free".to_owned());
                 if had {
-                    let _ = self.served.engine.ask(Wish::Stop("control was released")).await;
+                    // How the stop went, the events say.
+                    return self.order(Wish::Stop("control was released"), move |_| reply(id, free(), Value::Null));
                 }
-                Ok("control is free".to_owned())
+                free()
             }
             // Whoever sees that something is wrong may stop it.
-            Asked::Stop => self.served.engine.ask(Wish::Stop("by hand")).await,
+            Asked::Stop => return self.order(Wish::Stop("by hand"), move |done| reply(id, done, Value::Null)),
             Asked::View { length } => {
                 self.watch.set_length(length, &self.served.engine.shared.history());
-                return Vec::new();
+                return None;
             }
             Asked::Past { first, length, count } => {
-                return vec![binary(past(&self.served.engine.shared.history(), id, first, length, count))];
+                return Some(binary(past(&self.served.engine.shared.history(), id, first, length, count)));
             }
             Asked::Trigger { trigger } => {
                 let history = self.served.engine.shared.history();
@@ -428,25 +462,58 @@ impl Page {
             }
             Asked::Want { span, spectrum } => {
                 (self.span, self.wants_spectrum) = (span, spectrum);
-                return Vec::new();
+                return None;
             }
-            Asked::Runs => {
-                let folder = self.served.engine.runs.clone();
-                let listed = blocking(move || Ok(json!(runs::list(&folder)))).await;
-                return vec![listed_reply(id, listed)];
+            Asked::Runs | Asked::Compare { .. } if self.reads.len() >= MOST_READS => {
+                Err(format!("{MOST_READS} lists and comparisons are being read: ask again when one is there"))
             }
+            Asked::Runs => return self.read(id, |folder| Ok(json!(runs::list(folder)))),
             Asked::Compare { names } => {
-                let folder = self.served.engine.runs.clone();
-                let compared = blocking(move || runs::compare(&folder, &names).map(|runs| json!(runs))).await;
-                return vec![listed_reply(id, compared)];
+                return self.read(id, move |folder| runs::compare(folder, &names).map(|runs| json!(runs)));
             }
             other => match wish(other) {
-                Some(wish) if self.served.lease().is_held_by(self.id) => self.served.engine.ask(wish).await,
-                Some(_) => Err("this page watches: take control first".to_owned()),
+                Some(_) if !self.served.lease().is_held_by(self.id) => {
+                    Err("this page watches: take control first".to_owned())
+                }
+                Some(_) if self.orders.len() >= MOST_ORDERS => Err(NO_ANSWERS.to_owned()),
+                Some(wish) => return self.order(wish, move |done| reply(id, done, Value::Null)),
                 None => Err("not understood".to_owned()),
             },
         };
-        vec![reply(id, done, Value::Null)]
+        Some(reply(id, done, Value::Null))
+    }
+
+    /// Gives the engine an order at once; its answer goes to the page when it is there.
+    fn order(
+        &mut self,
+        wish: Wish,
+        answer: impl FnOnce(Result<String, String>) -> Message + Send + 'static,
+    ) -> Option<Message> {
+        let done = self.served.engine.ask(wish);
+        self.orders.push_back(Box::pin(async move { answer(done.await) }));
+        None
+    }
+
+    /// Reads in the folder of runs, beside the sockets' thread.
+    fn read(
+        &mut self,
+        id: u32,
+        work: impl FnOnce(&FilePath) -> Result<Value, String> + Send + 'static,
+    ) -> Option<Message> {
+        let (folder, reads) = (self.served.engine.runs.clone(), self.served.reads.clone());
+        self.reads.push_back(Box::pin(async move {
+            let permit = reads.acquire_owned().await;
+            // A page that is gone does not end what was begun for it, so the permit goes along.
+            let read = tokio::task::spawn_blocking(move || {
+                let _permit = permit;
+                work(&folder)
+            });
+            match read.await.unwrap_or_else(|error| Err(error.to_string())) {
+                Ok(value) => reply(id, Ok(String::new()), value),
+                Err(error) => reply(id, Err(error), Value::Null),
+            }
+        }));
+        None
     }
 }
 
@@ -471,20 +538,8 @@ fn wish(asked: Asked) -> Option<Wish> {
     })
 }
 
-/// Files are read beside the sockets' thread.
-async fn blocking(work: impl FnOnce() -> Result<Value, String> + Send + 'static) -> Result<Value, String> {
-    tokio::task::spawn_blocking(work).await.unwrap_or_else(|error| Err(error.to_string()))
-}
-
 fn binary(bytes: Vec<u8>) -> Message {
     Message::Binary(bytes.into())
-}
-
-fn listed_reply(id: u32, listed: Result<Value, String>) -> Message {
-    match listed {
-        Ok(value) => reply(id, Ok(String::new()), value),
-        Err(error) => reply(id, Err(error), Value::Null),
-    }
 }
 
 fn reply(id: u32, done: Result<String, String>, value: Value) -> Message {

@@ -9,8 +9,8 @@ use hil_bridge::in_process::InProcess;
 use hil_bridge::link::{Link, LinkError};
 use plant_sim::controller::Controller;
 use serde_json::{Value, json};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use support::{Client, in_process, start, start_with};
 use tungstenite::{Error, Message};
@@ -103,9 +103,12 @@ fn what_cannot_be_meant_is_refused_in_one_line_and_changes_nothing() {
         (json!({ "do": "play", "text": "sine:20um" }), "needs a frequency"),
         (json!({ "do": "play", "text": "" }), "unknown kind"),
         (json!({ "do": "play", "text": "multisine:1um@0.1-100Hz" }), "table"),
+        (json!({ "do": "play", "text": "multisine:1um@1-9999Hz,realisations=10" }), "200000 samples of table"),
+        (json!({ "do": "play", "text": "zero@1s+file:/etc/passwd" }), "a page plays no file"),
         (json!({ "do": "apply", "values": { "kp": -1 } }), "outside"),
         (json!({ "do": "apply", "values": { "kp": 19 } }), "unstable"),
         (json!({ "do": "apply", "values": { "reference_max": 130 } }), "trip_m"),
+        (json!({ "do": "apply", "values": { "trip": 129, "reference_max": 128 } }), "displacement_max_um = 120"),
         (json!({ "do": "run" }), "refused"),
         (json!({ "do": "undo" }), "nothing to undo"),
         (json!({ "do": "end-record" }), "nothing is being recorded"),
@@ -228,6 +231,82 @@ impl Link for Cut {
 
     fn patience(&self) -> Duration {
         self.link.patience()
+    }
+}
+
+/// A link that hangs while a test holds its gate.
+struct Gated {
+    link: InProcess,
+    gate: Arc<Mutex<()>>,
+}
+
+impl Link for Gated {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        drop(self.gate.lock().unwrap_or_else(PoisonError::into_inner));
+        self.link.send(bytes)
+    }
+
+    fn receive(&mut self, patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.link.receive(patience, into)
+    }
+
+    fn now(&mut self) -> Duration {
+        self.link.now()
+    }
+
+    fn patience(&self) -> Duration {
+        self.link.patience()
+    }
+}
+
+#[test]
+fn an_engine_that_hangs_leaves_the_page_heard_and_its_orders_in_sequence() {
+    let gate = Arc::new(Mutex::new(()));
+    let own = gate.clone();
+    let bench = start(Box::new(move || Ok(Box::new(Gated { link: InProcess::nucleo(), gate: own.clone() }))));
+    let mut page = bench.page();
+    page.order("take-control").expect("it is free");
+    let shut = gate.lock().expect("nobody panicked");
+    for id in 900..908 {
+        page.send(&json!({ "id": id, "do": "arm" }));
+    }
+    // Eight wait for the engine; the next one is told so, and other answers come.
+    assert!(page.order("arm").is_err_and(|line| line.contains("has not answered")));
+    page.order("runs").expect("no matter of the engine's");
+    // A stop finds its place behind them.
+    page.send(&json!({ "id": 950, "do": "stop" }));
+    drop(shut);
+    let mut replies = Vec::new();
+    while replies.len() < 9 {
+        let reply = page.until("a reply", |message| message["kind"] == "reply");
+        replies.push((reply["id"].as_u64().expect("a number"), reply["ok"] == true));
+    }
+    assert_eq!((replies[0], replies[8]), ((900, true), (950, true)));
+    assert!(replies.is_sorted(), "{replies:?}");
+    page.mode("idle");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_page_that_compares_runs_is_heard_meanwhile() {
+    let bench = in_process();
+    // A log that is open as soon as somebody writes into it: the comparison lasts as long as this test wants.
+    let log = bench.runs.join("slow/log.csv");
+    std::fs::create_dir(bench.runs.join("slow")).expect("room on the disk");
+    assert!(std::process::Command::new("mkfifo").arg(&log).status().expect("mkfifo").success());
+    let mut page = bench.page();
+    page.send(&json!({ "id": 900, "do": "compare", "names": ["slow"] }));
+    for id in 901..904 {
+        page.send(&json!({ "id": id, "do": "runs" }));
+    }
+    assert!(page.order("runs").is_err_and(|line| line.contains("are being read")));
+    page.run();
+    page.order("stop").expect("it is heard");
+    page.mode("idle");
+    std::fs::write(&log, "no log\n").expect("somebody reads");
+    for (id, ok) in [(900, false), (901, true), (902, true), (903, true)] {
+        let reply = page.until("a reply", |message| message["kind"] == "reply");
+        assert_eq!((reply["id"].as_u64(), reply["ok"].as_bool()), (Some(id), Some(ok)), "{reply}");
     }
 }
 

@@ -101,16 +101,17 @@ impl Calibration {
         // A gain of zero, or one too small or too large for f32, would make a factor infinite or zero.
         finite_above_zero("sensor_m_per_v", code_per_displacement_m.abs())?;
         finite_above_zero("amplifier_v_per_v", code_per_drive_v.abs())?;
-        // Codes at or inside the margin: rounded up at the bottom, down at the top.
         let margin = settings.dac_margin_v / dac_lsb_v;
-        let unused = margin as i32 + i32::from(margin as i32 as f32 != margin);
         let dac_mid_code = dac_codes / 2;
-        if unused >= dac_mid_code {
+        // Before the conversion, which saturates: one more would overflow then.
+        if margin > (dac_mid_code - 1) as f32 {
             return Err(SettingsError::TooLarge {
                 field: "dac_margin_v",
                 at_most: (settings.dac_full_scale_v / 2.0) as u32,
             });
         }
+        // Codes at or inside the margin: rounded up at the bottom, down at the top.
+        let unused = margin as i32 + i32::from(margin as i32 as f32 != margin);
         let last = (dac_codes as f32 - margin) as i32;
         Ok(Calibration {
             adc_last_code: adc_codes - 1,
@@ -322,11 +323,13 @@ mod tests {
                 CalibrationSettings { amplifier_v_per_v: f32::NAN, ..good },
                 SettingsError::NotFinite { field: "amplifier_v_per_v" },
             ),
-            (
-                CalibrationSettings { dac_margin_v: 1.7, ..good },
-                SettingsError::TooLarge { field: "dac_margin_v", at_most: 1 },
-            ),
         ];
+        let margin = SettingsError::TooLarge { field: "dac_margin_v", at_most: 1 };
+        // 1.65 V are mid-code; the others are more codes than an integer holds, and than a number does.
+        let margins_v = [1.65, 1.7, 1e9, f32::MAX];
+        let cases = cases
+            .into_iter()
+            .chain(margins_v.map(|dac_margin_v| (CalibrationSettings { dac_margin_v, ..good }, margin)));
         for (settings, error) in cases {
             assert_eq!(Calibration::try_build(&settings), Err(error));
         }

@@ -67,6 +67,11 @@ impl LawState {
     pub fn latched(&self) -> Limits {
         self.guard.latched()
     }
+
+    /// The last drive did not get out, `drive_v` is still in force.
+    pub(crate) fn hold(&mut self, drive_v: f32) {
+        self.pi.hold(drive_v);
+    }
 }
 
 impl Law {

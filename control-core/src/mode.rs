@@ -291,6 +291,16 @@ impl Controller {
         self.mode = Mode::Fault { code, ramp };
     }
 
+    /// The last tick's drive came too late for the DAC, which keeps `held_v`, the drive before it. From there go the next sample's slew limit and
+    /// the ramp of a trip; a ramp under way repeats its step. What was measured and generated in that tick stays.
+    pub fn not_latched(&mut self, held_v: f32) {
+        match &mut self.mode {
+            Mode::Idle | Mode::Armed { .. } => {}
+            Mode::Running { law, .. } => law.hold(held_v),
+            Mode::Stopping { ramp } | Mode::Fault { ramp, .. } => ramp.step_back(),
+        }
+    }
+
     /// Puts another law in force from the next tick on, without a bump of the drive; a ramp under way keeps its own pace.
     pub fn exchange_law(&mut self, law: Law) {
         if let Mode::Running { law: state, .. } = &mut self.mode {
@@ -585,6 +595,89 @@ mod tests {
         let output = controller.tick(&closed);
         assert_eq!(output.reference_m, 100e-6);
         assert_eq!(output.drive_v, 15.0);
+    }
+
+    fn open(drive_v: f32) -> Input<'static> {
+        Input { command: Command::Drive { drive_v }, measured_m: 0.0 }
+    }
+
+    #[test]
+    fn a_drive_that_was_not_latched_counts_for_no_slew() {
+        for late in 1..5 {
+            let mut controller = in_mode(ModeName::Running);
+            let held_v = controller.drive_v();
+            for _ in 0..late {
+                controller.tick(&open(-90.0));
+                controller.not_latched(held_v);
+                assert_eq!(controller.drive_v(), held_v);
+            }
+            // Slew 10 V per sample, from what the DAC has; so does the ramp of a trip begin there.
+            let mut tripped = controller;
+            assert_eq!(controller.tick(&open(-90.0)).drive_v, held_v - 10.0);
+            tripped.trip(FaultCode::Overrun);
+            assert_eq!(tripped.drive_v(), held_v);
+            assert!(tripped.tick(&open(-90.0)).drive_v >= held_v - 10.0);
+        }
+    }
+
+    #[test]
+    fn drives_that_were_not_latched_wind_nothing_up() {
+        // The wish is beyond the slew limit all the time, so the integral stands still, as in a loop whose drive is stuck.
+        let mut controller = Controller::new(law());
+        controller.arm().expect("idle");
+        controller.run().expect("armed");
+        let integral_v = |controller: &Controller| match controller.mode() {
+            Mode::Running { law, .. } => law.integral_v(),
+            mode => panic!("{mode:?}"),
+        };
+        for _ in 0..100 {
+            assert_eq!(controller.tick(&hold(0.0)).drive_v, 10.0);
+            controller.not_latched(0.0);
+            assert_eq!(integral_v(&controller), 0.0);
+        }
+        // Within the slew limit it grows until the wish is beyond it, and no more: Kp e + I <= 10 V and one increment.
+        let near = Input { command: Command::Reference { reference_m: 5e-6 }, measured_m: 0.0 };
+        for _ in 0..100 {
+            controller.tick(&near);
+            controller.not_latched(0.0);
+        }
+        let (most_v, increment_v) = (10.0 - (8.5811e5 + 530_737.0) * 5e-6, 9.6755e8 / 20e3 * 5e-6);
+        let reached_v = integral_v(&controller);
+        assert!(reached_v > most_v - increment_v && reached_v <= most_v, "{reached_v} of {most_v}");
+    }
+
+    #[test]
+    fn a_ramp_repeats_what_was_not_latched() {
+        for mode in [ModeName::Stopping, ModeName::Fault] {
+            let mut controller = in_mode(mode);
+            let mut held_v = controller.drive_v();
+            while controller.drive_v() != 0.0 {
+                let late = controller.tick(&hold(0.0));
+                if controller.drive_v() == 0.0 {
+                    break;
+                }
+                controller.not_latched(held_v);
+                assert_eq!(controller.drive_v(), held_v);
+                let repeated = controller.tick(&hold(0.0));
+                assert_eq!(repeated, late);
+                held_v = repeated.drive_v;
+            }
+            // Arrived, it stays.
+            controller.not_latched(held_v);
+            assert_eq!(controller.tick(&hold(0.0)).drive_v, 0.0);
+        }
+        // A law that gives up takes the ramp's first step in the same sample.
+        let mut controller = in_mode(ModeName::Running);
+        let held_v = controller.drive_v();
+        let late = controller.tick(&hold(f32::NAN));
+        controller.not_latched(held_v);
+        assert_eq!(controller.drive_v(), held_v);
+        assert_eq!(controller.tick(&hold(0.0)).drive_v, late.drive_v);
+        for mode in [ModeName::Idle, ModeName::Armed] {
+            let mut controller = in_mode(mode);
+            controller.not_latched(0.0);
+            assert_eq!((controller.mode_name(), controller.tick(&hold(0.0)).drive_v), (mode, 0.0));
+        }
     }
 
     #[test]

@@ -53,6 +53,13 @@ impl PiState {
     pub fn integral_v(&self) -> f32 {
         self.integral_v
     }
+
+    /// The last drive did not get out, `drive_v` is still in force: the slew limit counts from there. The integral keeps the sample's increment, whose
+    /// error was real and which was taken only where the drive could follow; it goes on being held by the slew limit from `drive_v`, so that
+    /// nothing winds up however often this happens.
+    pub(crate) fn hold(&mut self, drive_v: f32) {
+        self.drive_v = drive_v;
+    }
 }
 
 impl Pi {

@@ -46,7 +46,16 @@ impl Ramp {
             return 0.0;
         }
         let s = self.sample_idx as f32 * self.per_sample;
-        self.from_v * (1.0 - s * s * s * (10.0 - s * (15.0 - 6.0 * s)))
+        let left = 1.0 - s * s * s * (10.0 - s * (15.0 - 6.0 * s));
+        // Near the end rounding takes it below 0 by some 1e-7, and a drive below 0 V may be outside of the volt limits.
+        if left > 0.0 { self.from_v * left } else { 0.0 }
+    }
+
+    /// The last step has not been taken after all: the next one repeats it. One that has arrived stays.
+    pub fn step_back(&mut self) {
+        if !self.is_done() {
+            self.sample_idx = self.sample_idx.saturating_sub(1);
+        }
     }
 }
 
@@ -75,6 +84,37 @@ mod tests {
             assert_eq!(ramp.step(), 0.0);
         }
         assert!(Ramp::done().is_done());
+    }
+
+    #[test]
+    fn a_long_ramp_stays_between_its_start_and_zero() {
+        for (from_v, slew_v) in [(90.0_f32, 0.1_f32), (-90.0, 0.1), (90.0, 1e-3), (57.3, 1e-4)] {
+            let mut ramp = Ramp::to_zero(from_v, slew_v);
+            while !ramp.is_done() {
+                let drive_v = ramp.step();
+                let share = drive_v / from_v;
+                assert!((0.0..=1.0).contains(&share), "{share} of {from_v} V");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_taken_back_is_repeated_and_the_end_stays() {
+        let mut ramp = Ramp::to_zero(60.0, 20.0);
+        let mut last_v = ramp.drive_v();
+        while !ramp.is_done() {
+            let next_v = ramp.step();
+            if !ramp.is_done() {
+                ramp.step_back();
+                assert_eq!(ramp.drive_v(), last_v);
+                assert_eq!(ramp.step(), next_v);
+            }
+            last_v = next_v;
+        }
+        for mut arrived in [ramp, Ramp::done()] {
+            arrived.step_back();
+            assert_eq!((arrived.is_done(), arrived.drive_v()), (true, 0.0));
+        }
     }
 
     #[test]

@@ -4,6 +4,8 @@
 
 use crate::shared::{Lent, Record};
 use core::sync::atomic::{AtomicU32, Ordering};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
 use wire::Trigger;
 
 /// Samples it holds: 0.1 s at 20 kHz, 20 KB.
@@ -14,6 +16,10 @@ static RING: Lent<[[u8; wire::SAMPLE_BYTES]; SAMPLES]> = Lent::new([[0; wire::SA
 static COMPLETE: AtomicU32 = AtomicU32::new(0);
 /// Number of the oldest sample.
 static FIRST: AtomicU32 = AtomicU32::new(0);
+/// Blocks that the link has been asked for and has not read yet; only its two tasks touch it.
+static WANTED: AtomicU32 = AtomicU32::new(0);
+/// A block was read.
+static READ: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 const DONE: u32 = 1 << 31;
 
 /// The loop's side.
@@ -46,7 +52,7 @@ impl Capture {
         self.phase != Phase::Off
     }
 
-    /// Begins anew; what was captured before is gone.
+    /// Begins anew; what was captured before is gone. The link asks for it only when no block is still to be read ([`all_read`]).
     pub fn arm(&mut self, before: u16, trigger: Trigger) {
         COMPLETE.store(0, Ordering::Relaxed);
         *self = Capture {
@@ -62,7 +68,8 @@ impl Capture {
     #[inline(never)]
     #[unsafe(link_section = ".ccmram.control.capture")]
     pub fn note(&mut self, record: &Record, has_begun: bool, has_faulted: bool) {
-        // SAFETY: the link reads the ring only while `COMPLETE` says done, and then the phase is off and this is not called.
+        // SAFETY: the link reads the ring only while `COMPLETE` says done; then the phase is off and this is not called, until `arm`, which
+        // no read is under way at.
         let ring = unsafe { &mut *RING.get() };
         if let Some(place) = ring.get_mut(self.write_idx) {
             *place = record.sample.to_bytes();
@@ -104,14 +111,34 @@ impl Default for Capture {
     }
 }
 
-/// Copies samples from `from` on into `bytes`; returns how many bytes, how many samples there are in all, and the first one's number.
+/// A block is asked for: one [`read`] will follow.
+pub fn want() {
+    WANTED.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Waits until every block that was asked for has been read.
+pub async fn all_read() {
+    while WANTED.load(Ordering::Acquire) != 0 {
+        READ.wait().await;
+    }
+}
+
+/// Copies samples from `from` on into `bytes`; returns how many bytes, how many samples there are in all, and the first one's number. Once for
+/// each [`want`].
 pub fn read(from: u16, bytes: &mut [u8]) -> (usize, u16, u32) {
+    let block = copy(from, bytes);
+    WANTED.fetch_sub(1, Ordering::Release);
+    READ.signal(());
+    block
+}
+
+fn copy(from: u16, bytes: &mut [u8]) -> (usize, u16, u32) {
     let complete = COMPLETE.load(Ordering::Acquire);
     if complete & DONE == 0 {
         return (0, 0, 0);
     }
     let oldest = (complete & !DONE) as usize;
-    // SAFETY: complete, so the loop writes no more until the link itself arms it anew.
+    // SAFETY: complete, so the loop writes no more until it is armed anew, and the link asks for that only after this read (`all_read`).
     let ring = unsafe { &*RING.get() };
     let mut n_bytes = 0;
     let (places, _) = bytes.as_chunks_mut::<{ wire::SAMPLE_BYTES }>();

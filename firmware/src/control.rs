@@ -1,8 +1,8 @@
 //! The control interrupt: one sample of the board.
 //!
 //! Deadline: 1700 cycles (10 us) from the instant at which the ADC holds its input to the timer latching the DAC. A drive
-//! that comes later is an overrun: the DAC holds the old one, the sample is counted and marked, and too many of them are a
-//! fault. Code and data lie in CCM SRAM, which has no wait states. Nothing here waits, allocates, logs, divides 64-bit numbers or panics.
+//! that comes later is an overrun: the DAC holds the old one, the law goes on from that one, the sample is counted and marked, and too many
+//! of them are a fault. Code and data lie in CCM SRAM, which has no wait states. Nothing here waits, allocates, logs, divides 64-bit numbers or panics.
 //!
 //! What can wait for the drive to be out is done by [`crate::between`], an interrupt of the next lower priority that this one
 //! pends: requests, stream, capture, the account of the state. It holds the loop's state meanwhile, and says so. A control interrupt that
@@ -179,6 +179,7 @@ impl Control {
             beat.ready_max_cycles = ready_cycles;
         }
         let (displacement, monitor) = (reading.displacement, reading.monitor);
+        let held_v = self.last.output.drive_v;
         self.last = Last {
             number: sample,
             displacement,
@@ -192,7 +193,7 @@ impl Control {
         };
         let is_late = ready_cycles >= B::CONVERTERS.deadline_cycles() - B::PUT_CYCLES;
         if is_late || beat.overrun_score != 0 {
-            self.score(beat, is_late);
+            self.score::<B>(beat, is_late, held_v);
         }
     }
 
@@ -282,13 +283,13 @@ impl Control {
         }
     }
 
-    /// Counts what was late, and lets what was late before fade.
+    /// Counts what was late, and lets what was late before fade. `held_v` is the drive before this one.
     #[cold]
     #[inline(never)]
     #[unsafe(link_section = ".ccmram.control.score")]
-    fn score(&mut self, beat: &mut Beat, is_late: bool) {
+    fn score<B: Board>(&mut self, beat: &mut Beat, is_late: bool, held_v: f32) {
+        let is_late = is_late && self.hold::<B>(held_v);
         if is_late {
-            self.last.is_late = true;
             beat.overrun_score += OVERRUN_WEIGHT;
             add_one(&shared::OVERRUNS);
         }
@@ -297,8 +298,25 @@ impl Control {
             self.controller.trip(FaultCode::Overrun);
         }
         if !is_late {
-            beat.overrun_score -= 1;
+            beat.overrun_score = beat.overrun_score.saturating_sub(1);
         }
+    }
+
+    /// The last code came after its latch, as far as the timer tells: law and DAC stay with the drive before. Left where it was put, the code would
+    /// come out at the next latch if that sample is late, too, and the law would not know. False, and nothing done, if it is out all the same.
+    #[inline(always)]
+    fn hold<B: Board>(&mut self, held_v: f32) -> bool {
+        let DacCode(held) = self.set.calibration.dac_code(held_v);
+        // Equal codes tell nothing, and make no difference.
+        if held != self.last.drive && B::output() == Some(self.last.drive) {
+            return false;
+        }
+        B::put_back(held);
+        self.controller.not_latched(held_v);
+        self.last.drive = held;
+        self.last.output.drive_v = held_v;
+        self.last.is_late = true;
+        true
     }
 
     /// One sample over the bridge, between the samples of the board. The law is the same; the DAC does not hear of it.

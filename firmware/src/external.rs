@@ -119,3 +119,14 @@ pub fn take() -> u16 {
 pub fn put(code: u16) {
     pac::SPI3.dr16().write_value(code);
 }
+
+/// Another code in place of the one on its way, once that is through. Only a late sample waits for it, when its latch is over.
+#[inline(always)]
+pub fn put_back(code: u16) {
+    for _ in 0..WAIT_TURNS {
+        if !pac::SPI3.sr().read().bsy() {
+            break;
+        }
+    }
+    put(code);
+}

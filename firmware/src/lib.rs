@@ -64,6 +64,10 @@ pub trait Board {
     fn take() -> Reading;
     /// Hands the next drive to the DAC, to be latched by the timer.
     fn put(code: u16);
+    /// As [`Board::put`], in place of a code that was put in this sample and came too late.
+    fn put_back(code: u16);
+    /// The code that the DAC has latched, where it can be asked.
+    fn output() -> Option<u16>;
     /// The last act of a program that has lost its way: the DAC at mid-code as soon as it can be.
     fn make_safe();
 }

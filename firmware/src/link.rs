@@ -186,9 +186,14 @@ impl Desk {
             }
             ToBoard::StreamStop => self.ask_and_answer(sequence, Request::Stream(0)).await,
             ToBoard::CaptureArm { before, trigger } => {
+                // What was asked for before goes out first: the loop will write over it, between any two instructions of a read.
+                capture::all_read().await;
                 self.ask_and_answer(sequence, Request::Capture { before, trigger }).await;
             }
-            ToBoard::CaptureRead { from } => say(Answer::Capture { from }).await,
+            ToBoard::CaptureRead { from } => {
+                capture::want();
+                say(Answer::Capture { from }).await;
+            }
         }
     }
 

@@ -160,6 +160,12 @@ pub fn put_dac(code: u16) {
     pac::DAC1.dhr12r(0).write_value(pac::dac::regs::Dhr12r(u32::from(code)));
 }
 
+/// The code that was latched last, which is there some cycles after its trigger (RM0440, "DAC conversion with trigger": three).
+#[inline(always)]
+pub fn dac_output() -> u16 {
+    pac::DAC1.dor(0).read().0 as u16
+}
+
 /// ADC1 on PA0 (displacement) and ADC2 on PA1 (monitor), both started by the timer.
 pub fn begin_adcs() {
     begin_adc_clock();

@@ -103,6 +103,45 @@ fn parameters(random: &mut Pcg64) -> Parameters {
     parameters
 }
 
+/// Each field may be anything, few of them or many.
+fn converters(random: &mut Pcg64) -> Converters {
+    let mut converters = Converters::NUCLEO_G474RE;
+    let share = if random.random() { 0.1 } else { 0.5 };
+    for bits in [&mut converters.adc_bits, &mut converters.monitor_bits, &mut converters.dac_bits] {
+        if random.random_bool(share) {
+            *bits = if random.random() { random.random() } else { random.random_range(12..=16) };
+        }
+    }
+    let volts = [
+        &mut converters.adc_full_scale_v,
+        &mut converters.monitor_full_scale_v,
+        &mut converters.dac_full_scale_v,
+        &mut converters.dac_margin_v,
+    ];
+    for field in volts {
+        if random.random_bool(share) {
+            *field = real(random);
+        }
+    }
+    let counts = [
+        &mut converters.timer_hz,
+        &mut converters.period_min_cycles,
+        &mut converters.period_max_cycles,
+        &mut converters.hold_cycles,
+        &mut converters.latch_cycles,
+    ];
+    for field in counts {
+        if random.random_bool(share) {
+            *field = match random.random_range(0..3) {
+                0 => random.random(),
+                1 => [0, 1, u32::MAX][random.random_range(0..3)],
+                _ => random.random_range(0..10_000),
+            };
+        }
+    }
+    converters
+}
+
 fn wave(random: &mut Pcg64) -> Wave {
     let (amplitude, frequency_hz) = (real(random), real(random));
     match random.random_range(0..6) {
@@ -227,10 +266,7 @@ impl Babble {
             ready_max_cycles: 0,
             bad_frames: 0,
         };
-        let mut converters = Converters::NUCLEO_G474RE;
-        if random.random_bool(0.05) {
-            (converters.adc_bits, converters.timer_hz) = (random.random(), random.random());
-        }
+        let converters = if random.random_bool(0.05) { converters(random) } else { Converters::NUCLEO_G474RE };
         let identity = Identity {
             version: if random.random_bool(0.99) { wire::VERSION } else { random.random() },
             board: "babble",

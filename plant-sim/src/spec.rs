@@ -23,6 +23,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Unit of the amplitudes.
@@ -448,8 +450,27 @@ const MINOR_LOOP_SCALES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 const MOST_TABLE_SAMPLES: f64 = 2e7;
 /// Most products of samples and lines in a multisine: some seconds of work.
 const MOST_LINE_SAMPLES: f64 = 2e9;
+/// Longest file of samples in bytes: as many as a table holds, each with the 20 characters that a number written in full has with its line's end.
+const MOST_FILE_BYTES: u64 = 20 * MOST_TABLE_SAMPLES as u64;
 /// Samples after which a line's phasor is set anew, so that its rounding stays below 64 units in the last place.
 const PHASOR_RUN: usize = 64;
+
+/// How many samples the tables of a waveform have in all, without making them: [`table`] may take seconds.
+///
+/// `None` for the kinds that boards generate, and for a file, whose length only reading it tells.
+pub fn table_samples(shape: &Shape, rate_hz: f64) -> Option<usize> {
+    match shape {
+        Shape::Multisine { hz, realisations, .. } => {
+            Some(((rate_hz / hz[0]).round() * f64::from(*realisations)) as usize)
+        }
+        Shape::MinorLoops { hz } => Some(minor_loop_samples(rate_hz / hz) as usize),
+        _ => None,
+    }
+}
+
+fn minor_loop_samples(period: f64) -> f64 {
+    (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round()
+}
 
 /// Samples of a waveform that boards play from a table, for an amplitude of one; `None` for the kinds they generate.
 ///
@@ -489,7 +510,7 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
         }
         Shape::MinorLoops { hz } => {
             let period = rate_hz / hz;
-            let total = (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round();
+            let total = minor_loop_samples(period);
             if total > MOST_TABLE_SAMPLES {
                 return Err(format!("{total:.0} samples are too many to make: lower the rate or raise the frequency"));
             }
@@ -528,7 +549,7 @@ fn multisine(period: usize, lines: f64, odd: bool, random: &mut Pcg64) -> Vec<f3
 }
 
 fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
+    let text = read_text(path)?;
     let mut samples = Vec::new();
     let mut header_allowed = true;
     for (index, line) in text.lines().enumerate() {
@@ -537,7 +558,12 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
             continue;
         }
         match line.parse::<f32>() {
-            Ok(value) if value.is_finite() => samples.push(value),
+            Ok(value) if value.is_finite() => {
+                if samples.len() as f64 >= MOST_TABLE_SAMPLES {
+                    return Err(too_long(path));
+                }
+                samples.push(value);
+            }
             _ if header_allowed && line.chars().any(char::is_alphabetic) => {}
             _ => {
                 let shown: String = line.chars().take(40).collect();
@@ -551,6 +577,34 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
         header_allowed = false;
     }
     if samples.is_empty() { Err(format!("{} holds no numbers", path.display())) } else { Ok(samples) }
+}
+
+/// The text of a file, in bounded time and memory.
+fn read_text(path: &Path) -> Result<String, String> {
+    let unreadable = |error: std::io::Error| format!("{} cannot be read: {error}", path.display());
+    // Asked before it is opened: opening a pipe waits for whoever writes into it, and a device may never end.
+    let found = path.metadata().map_err(unreadable)?;
+    if !found.is_file() {
+        return Err(format!(
+            "{} is a folder, a pipe or a device: write the numbers to a file and name that",
+            path.display()
+        ));
+    }
+    if found.len() > MOST_FILE_BYTES {
+        return Err(too_long(path));
+    }
+    // It may grow meanwhile, and files that the system makes up state no length.
+    let mut text = String::new();
+    let file = File::open(path).map_err(unreadable)?;
+    let bytes = file.take(MOST_FILE_BYTES + 1).read_to_string(&mut text).map_err(unreadable)?;
+    if bytes as u64 > MOST_FILE_BYTES { Err(too_long(path)) } else { Ok(text) }
+}
+
+fn too_long(path: &Path) -> String {
+    format!(
+        "{} is longer than {MOST_TABLE_SAMPLES} numbers or {MOST_FILE_BYTES} bytes: give a part of it",
+        path.display()
+    )
 }
 
 #[cfg(test)]
@@ -605,6 +659,39 @@ mod tests {
             let message = Spec::parse(text).expect_err(text).to_string();
             assert!(message.contains(part) && !message.contains('\n'), "{text}: {message}");
         }
+    }
+
+    #[test]
+    fn the_length_of_tables_is_known_before_they_are_made() {
+        for text in ["multisine:20V@10-90Hz,realisations=3", "minor-loops:60V@7Hz", "minor-loops:60V@33Hz"] {
+            let shape = one(text).shape;
+            let made = table(&shape, 1000.0).expect("valid").expect("a table");
+            assert_eq!(table_samples(&shape, 1000.0), Some(made.iter().map(Vec::len).sum()), "{text}");
+        }
+        assert_eq!(table_samples(&one("sine:20um@10Hz").shape, 1000.0), None);
+        assert_eq!(table_samples(&one("file:none.csv").shape, 1000.0), None);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_file_or_has_no_end_is_refused_in_one_line() {
+        let folder = std::env::temp_dir().join(format!("hysteron-samples-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        let (pipe, long) = (folder.join("pipe"), folder.join("long.csv"));
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
+        assert!(made.success());
+        // A hole: it takes no room on the disk.
+        File::create(&long).and_then(|file| file.set_len(MOST_FILE_BYTES + 1)).expect("room for a name");
+        for (path, part) in [
+            (pipe.as_path(), "is a folder, a pipe or a device: write the numbers to a file"),
+            (Path::new("/dev/zero"), "is a folder, a pipe or a device"),
+            (folder.as_path(), "is a folder, a pipe or a device"),
+            (long.as_path(), "is longer than 20000000 numbers or 400000000 bytes: give a part of it"),
+        ] {
+            let refused = read_samples(path).expect_err("no file of numbers");
+            assert!(refused.contains(part) && !refused.contains('\n'), "{refused}");
+        }
+        std::fs::remove_dir_all(&folder).expect("it is ours");
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub enum WaveformError {
     #[error("{segments} segments; a board holds {SEGMENTS}: use a shorter SPEC")]
     TooManySegments { segments: usize },
     #[error(
-        "{samples} samples of table; a board holds {TABLE_SAMPLES}: use a shorter file, or a higher lowest line or rate"
+        "{samples} samples of table; a board holds {TABLE_SAMPLES}: use a shorter file, a higher lowest line or frequency, fewer realisations or a lower rate"
     )]
     TooLong { samples: usize },
 }
@@ -75,6 +75,11 @@ impl Waveform {
 
     fn add(&mut self, part: &Part, rate_hz: f64) -> Result<(), WaveformError> {
         let fail = |reason: String| WaveformError::Part { kind: part.shape.kind(), reason };
+        // A table that would be refused is not made first: whoever waits for the answer may be a running loop.
+        let whole_table = self.table.len().saturating_add(spec::table_samples(&part.shape, rate_hz).unwrap_or(0));
+        if whole_table > TABLE_SAMPLES {
+            return Err(WaveformError::TooLong { samples: whole_table });
+        }
         let tables = spec::table(&part.shape, rate_hz).map_err(fail)?.unwrap_or_default();
         let amplitude = part.amplitude as f32;
         let whole = |seconds: f64| (seconds * rate_hz).round().clamp(1.0, f64::from(u32::MAX)) as u32;
@@ -155,7 +160,16 @@ mod tests {
         assert_eq!((short.segments.len(), short.table.len()), (2, 4000));
         assert_eq!(short.segments[1].wave, Wave::Table { offset: 2000, length: 2000 });
         let long = waveform("multisine:20V@1-2000Hz,periods=4,realisations=2,seed=7").unwrap_err();
-        assert_eq!(long, WaveformError::TooLong { samples: 20_000 });
+        assert_eq!(long, WaveformError::TooLong { samples: 40_000 });
+        // 2e9 products of samples and lines, were they made; the second one with what the first has taken.
+        for (text, samples) in [
+            ("multisine:1um@1-9999Hz,realisations=10", 200_000),
+            ("multisine:1um@10-100Hz,periods=1+multisine:1um@8-100Hz", 4500),
+            ("minor-loops:1um@1Hz", 160_000),
+            ("minor-loops:1um@1e-15Hz", usize::MAX),
+        ] {
+            assert_eq!(waveform(text).unwrap_err(), WaveformError::TooLong { samples }, "{text}");
+        }
         assert_eq!(waveform("step:80um,shaped").unwrap_err(), WaveformError::Shaped);
     }
 }

@@ -60,6 +60,45 @@ fn the_seam_holds_sixteen_bits_the_same_law_and_the_same_latch() {
     assert!(rows.iter().any(|row| row.adc % 16 != 0) && rows.iter().any(|row| row.dac % 16 != 0));
 }
 
+/// The core stands still until a latch is over, in the middle of a large change of an open-loop drive: the code that came too late is taken
+/// back, and the next one is a slew limit away from what the DAC has.
+#[test]
+fn late_drives_hold_this_dac_too() {
+    for late in 1..=2 {
+        let Some(mut board) = external_board() else { return };
+        board.machine.chip().bench.fed = Some(Box::new(|_| MID));
+        board.order(&ToBoard::Drive { drive_v: 80.0 }).unwrap();
+        board.order(&ToBoard::Arm).unwrap();
+        board.order(&ToBoard::Run).unwrap();
+        board.run_samples(50).unwrap();
+        board.machine.chip().rows.clear();
+        let from = board.machine.chip().output();
+        board.send(&ToBoard::Drive { drive_v: -80.0 }).unwrap();
+        while board.machine.chip().output().abs_diff(from) < 1000 {
+            board.run_samples(1).unwrap();
+        }
+        for _ in 0..late {
+            // The sample before is through 2000 cycles after its latch, late or not; up to the next one.
+            board.run_cycles(2000).unwrap();
+            board.machine.stall(6500);
+        }
+        let parameters = Parameters::EXTERNAL_PI1;
+        let calibration = parameters.check(&Converters::EXTERNAL_16BIT).unwrap().calibration;
+        let chip = board.machine.chip();
+        let held = &chip.rows[chip.rows.len() - 1 - late..];
+        assert!(held.iter().all(|row| row.dac == held[0].dac), "{late}: {held:?}");
+        drop(chip);
+        board.run_samples(20).unwrap();
+        assert_eq!(board.machine.chip().output(), calibration.dac_code(-80.0).0);
+        let status = board.status().unwrap();
+        assert_eq!((status.mode, status.overruns), (ModeName::Running as u8, late as u32));
+        let slew_codes = parameters.slew_v_per_s / parameters.rate_hz / calibration.drive_v_per_code().abs();
+        for two in board.machine.chip().rows.windows(2) {
+            assert!(f32::from(two[0].dac.abs_diff(two[1].dac)) <= slew_codes.ceil(), "{two:?}");
+        }
+    }
+}
+
 #[test]
 fn its_faults_end_in_the_safe_state_too() {
     for (wire, code) in [(Wire::Open, FaultCode::SensorRail), (Wire::Shorted, FaultCode::SensorRail)] {

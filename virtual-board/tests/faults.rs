@@ -231,6 +231,97 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
     assert!(board.status().unwrap().overruns >= 4);
 }
 
+/// An open loop at 80 V whose sensor says 0, so that no drive trips anything.
+fn open_loop() -> Option<VirtualBoard> {
+    let mut board = board()?;
+    board.machine.chip().bench.fed = Some(Box::new(|_| MID));
+    board.order(&ToBoard::Drive { drive_v: 80.0 }).unwrap();
+    board.order(&ToBoard::Arm).unwrap();
+    board.order(&ToBoard::Run).unwrap();
+    board.run_samples(50).unwrap();
+    let mut chip = board.machine.chip();
+    assert_eq!(chip.rows.last().expect("samples").dac, support::calibration().dac_code(80.0).0);
+    chip.rows.clear();
+    drop(chip);
+    Some(board)
+}
+
+/// Asks for another drive, at the far end, and runs until the DAC has begun to move: 160 V are eight slew limits.
+fn begin_a_large_change(board: &mut VirtualBoard, drive_v: f32) {
+    board.send(&ToBoard::Drive { drive_v }).unwrap();
+    let from = board.machine.chip().output();
+    for _ in 0..20 {
+        board.run_samples(1).unwrap();
+        if board.machine.chip().output().abs_diff(from) > 300 {
+            return;
+        }
+    }
+    panic!("the DAC does not move");
+}
+
+/// No two neighbours are more than the slew limit apart: 20 V are 399.9 codes.
+fn assert_slew(board: &VirtualBoard) {
+    for two in board.machine.chip().rows.windows(2) {
+        assert!(two[0].dac.abs_diff(two[1].dac) <= 400, "{two:?}");
+    }
+}
+
+/// The law had moved on when its drive came too late; the next one counts from what the DAC has.
+#[test]
+fn late_drives_hold_the_dac_and_the_next_is_one_slew_limit_away() {
+    for late in 1..=3 {
+        let Some(mut board) = open_loop() else { return };
+        begin_a_large_change(&mut board, -80.0);
+        board.machine.chip().adc[0].late_cycles = 1500;
+        board.run_samples(late).unwrap();
+        board.machine.chip().adc[0].late_cycles = 0;
+        {
+            let chip = board.machine.chip();
+            let held = &chip.rows[chip.rows.len() - 1 - late as usize..];
+            assert!(held.iter().all(|row| row.dac == held[0].dac), "{late}: {held:?}");
+        }
+        if late < 3 {
+            board.run_samples(20).unwrap();
+            assert_eq!(board.machine.chip().output(), support::calibration().dac_code(-80.0).0);
+            let status = board.status().unwrap();
+            assert_eq!((status.mode, status.overruns), (ModeName::Running as u8, late as u32));
+        } else {
+            // From 60 V the ramp takes no more than two samples longer than from 42 V; the third late drive is judged after its latch.
+            ends_safe(&mut board, FaultCode::Overrun, 4);
+        }
+        assert_slew(&board);
+    }
+}
+
+/// Around the deadline, cycle by cycle, the timer can't tell whether a drive was latched. Whichever it was, the next one counts from there.
+#[test]
+fn a_drive_at_the_very_latch_counts_if_it_got_out() {
+    let Some(mut board) = open_loop() else { return };
+    let mut drive_v = 80.0;
+    let mut is_overrun = |late_cycles: u64| {
+        let before = board.status().unwrap().overruns;
+        drive_v = -drive_v;
+        begin_a_large_change(&mut board, drive_v);
+        board.machine.chip().adc[0].late_cycles = late_cycles;
+        board.run_samples(1).unwrap();
+        board.machine.chip().adc[0].late_cycles = 0;
+        // An overrun fades within 256.
+        board.run_samples(300).unwrap();
+        assert_slew(&board);
+        board.machine.chip().rows.clear();
+        board.status().unwrap().overruns > before
+    };
+    let (mut early, mut late) = (0, 1500);
+    assert!(!is_overrun(early) && is_overrun(late));
+    while late - early > 1 {
+        let middle = early.midpoint(late);
+        *(if is_overrun(middle) { &mut late } else { &mut early }) = middle;
+    }
+    let overruns = (early - 20..late + 20).filter(|late_cycles| is_overrun(*late_cycles)).count();
+    // An interrupt's entry takes some cycles more or less, depending on what it interrupts.
+    assert!((10..=31).contains(&overruns), "{overruns} of 41");
+}
+
 #[test]
 fn samples_that_were_overwritten_unread_are_a_fault() {
     let Some(mut board) = running() else { return };

@@ -303,6 +303,34 @@ fn a_capture_holds_what_came_before_its_trigger() {
     }
 }
 
+/// The stream keeps the sender busy, so that the loop could arm the capture before the block is read, or while it is.
+#[test]
+fn a_capture_armed_in_the_same_bytes_leaves_the_block_before_whole() {
+    let Some(mut board) = board() else { return };
+    start(&mut board, &[SINE], true);
+    board.ask(&ToBoard::StreamStart { every: 1 }).unwrap();
+    let arm = ToBoard::CaptureArm { before: 100, trigger: Trigger::Now };
+    board.order(&arm).unwrap();
+    for k in 0..20 {
+        run_with_keep_alive(&mut board, 2100);
+        board.run_cycles(10_000 + 437 * k).unwrap();
+        board.unasked.clear();
+        board.send(&ToBoard::CaptureRead { from: 1000 }).unwrap();
+        let asked = board.send(&arm).unwrap();
+        board.run_samples(200).unwrap();
+        let mut answers = board.unasked.iter().filter(|heard| !matches!(heard, Heard::StreamBlock { .. }));
+        let Some(Heard::CaptureBlock { from: 1000, total: 2048, first, samples }) = answers.next() else {
+            panic!("no block in {:?}", board.unasked);
+        };
+        assert_eq!(answers.next(), Some(&Heard::Done { sequence: asked }));
+        assert_eq!(samples.len(), 48);
+        let chip = board.machine.chip();
+        for (sample, row) in samples.iter().zip(&chip.rows[*first as usize - 1 + 1000..]) {
+            assert_eq!((sample.displacement, sample.drive), (row.adc, row.dac));
+        }
+    }
+}
+
 #[test]
 fn over_the_bridge_the_law_is_the_same_and_the_dac_stays_safe() {
     let Some(mut board) = board() else { return };

@@ -273,8 +273,9 @@ pub struct Engine {
     pub rate_hz: f64,
 }
 
-/// Orders that may wait; whoever asks for more is told so.
-const WAITING: usize = 64;
+/// Orders that may wait: twice as many as all pages together may leave here, so that a stop of the server's own finds room. Whoever
+/// asks for more is told so.
+const WAITING: usize = 1024;
 
 impl Engine {
     /// Finds the board, prepares it and starts the thread.
@@ -296,16 +297,22 @@ impl Engine {
         Ok(Engine { orders, shared, runs, rate_hz })
     }
 
-    /// Asks the engine for something; its answer, in words.
+    /// Asks the engine for something; its answer, in words. The order is on its way when this returns, whether or not its answer is
+    /// waited for: so orders stay in the sequence in which they were asked, and a stop is never left unsent.
     ///
     /// # Errors
     /// The line that says why not.
-    pub async fn ask(&self, wish: Wish) -> Result<String, String> {
+    pub fn ask(&self, wish: Wish) -> impl Future<Output = Result<String, String>> + Send + use<> {
         let (answer, answered) = oneshot::channel();
-        match self.orders.try_send(Order { wish, answer }) {
-            Ok(()) => answered.await.unwrap_or_else(|_| Err(GONE.to_owned())),
-            Err(mpsc::TrySendError::Full(_)) => Err("the engine is busy: try again".to_owned()),
-            Err(mpsc::TrySendError::Disconnected(_)) => Err(GONE.to_owned()),
+        let sent = self.orders.try_send(Order { wish, answer }).map_err(|error| match error {
+            mpsc::TrySendError::Full(_) => "the engine is busy: try again",
+            mpsc::TrySendError::Disconnected(_) => GONE,
+        });
+        async move {
+            match sent {
+                Ok(()) => answered.await.unwrap_or_else(|_| Err(GONE.to_owned())),
+                Err(error) => Err(error.to_owned()),
+            }
         }
     }
 }

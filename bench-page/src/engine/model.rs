@@ -1,5 +1,6 @@
 //! The plant beside the bench: it gets the same commands, and what it predicts is set beside what the sensor says.
 
+use super::Source;
 use control_core::Settings;
 use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::experiment::sampled_loop;
@@ -39,6 +40,15 @@ impl Twin {
     pub fn apply(&mut self, command_v: f64) {
         self.simulator.advance(Held::zero_order(command_v), 0.0);
     }
+}
+
+/// Whether `settings` stay within what the plant's file says that the rig stands; without a `[rig]` there is nothing to hold them to.
+///
+/// # Errors
+/// The line that says what lies beyond.
+pub fn within_rig(plant: &Source, settings: &Settings) -> Result<(), String> {
+    let checked = plant.model.rig.as_ref().map_or(Ok(()), |rig| rig.check(settings));
+    checked.map_err(|beyond| format!("{}: {beyond}", plant.name))
 }
 
 /// What is to be said of the loop that `settings` close around `chain`; unstable ones are refused.

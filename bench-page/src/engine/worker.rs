@@ -7,7 +7,7 @@ mod orders;
 mod publish;
 mod set;
 
-use super::model::{Twin, judge, start};
+use super::model::{Twin, judge, start, within_rig};
 use super::{Order, Pass, Setting, Shared, StartError};
 use crate::history::{CHANNELS, Column};
 use crate::recorder::Recorder;
@@ -184,7 +184,9 @@ impl<'a> Worker<'a> {
         };
         worker.play = worker.laid_out("step:20um").unwrap_or(worker.play);
         worker.event(false, format!("{} is ready", worker.setting.place));
-        if let Some(warning) = warning {
+        // Whoever starts this has chosen the controller's file: it is warned of. A page's set is refused.
+        let beyond = within_rig(&worker.setting.plant, &worker.setting.controller.1).err();
+        for warning in [warning, beyond].into_iter().flatten() {
             worker.event(true, warning);
         }
         Ok(worker)

@@ -45,6 +45,17 @@ impl Board for External {
     fn put(code: u16) {
         external::put(code);
     }
+
+    #[inline(always)]
+    fn put_back(code: u16) {
+        external::put_back(code);
+    }
+
+    // This DAC can't be read: a code that came within a transfer's time of its latch counts as late though it may be out.
+    #[inline(always)]
+    fn output() -> Option<u16> {
+        None
+    }
 }
 
 /// Compare 4 of the sampling timer: the conversion is over.

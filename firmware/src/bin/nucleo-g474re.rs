@@ -42,6 +42,16 @@ impl Board for Nucleo {
     fn put(code: u16) {
         registers::put_dac(code);
     }
+
+    #[inline(always)]
+    fn put_back(code: u16) {
+        registers::put_dac(code);
+    }
+
+    #[inline(always)]
+    fn output() -> Option<u16> {
+        Some(registers::dac_output())
+    }
 }
 
 /// End of conversion.

@@ -2,7 +2,7 @@
 
 use super::super::{Order, Wish};
 use super::{Hosted, Play, Worker, connect};
-use crate::engine::model::judge;
+use crate::engine::model::{judge, within_rig};
 use crate::parameters;
 use crate::recorder::{Recorder, Subject, file_name, free_name};
 use control_core::{FaultCode, GeneratorState, ModeName};
@@ -10,7 +10,7 @@ use hil_bridge::lockstep::LockstepError;
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::SessionError;
 use plant_sim::controller::Controller;
-use plant_sim::spec::{Spec, Unit};
+use plant_sim::spec::{Shape, Spec, Unit};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
@@ -183,6 +183,12 @@ impl Worker<'_> {
 
     pub(super) fn laid_out(&self, text: &str) -> Result<Play, String> {
         let spec = Spec::parse(text).map_err(|error| error.to_string())?;
+        // Who may see the page may move the bench; the files of this machine are nothing of theirs, not even a line in a refusal.
+        if spec.parts.iter().any(|part| matches!(part.shape, Shape::File { .. })) {
+            return Err(
+                "a page plays no file: give the samples' file to `hysteron simulate`, `hil` or `record`".to_owned()
+            );
+        }
         let waveform = Waveform::new(&spec, self.setting.rate_hz).map_err(|error| error.to_string())?;
         Ok(Play { text: text.to_owned(), waveform, is_closed_loop: spec.unit != Some(Unit::Volt) })
     }
@@ -216,6 +222,7 @@ impl Worker<'_> {
         if what.is_empty() {
             return Ok("nothing changed".to_owned());
         }
+        within_rig(&self.setting.plant, &after.settings())?;
         // Not every diagnosed plant has regions that are linear: then the guards of the board are what there is.
         let warning = match judge(&self.twin.chain, &after.settings(), latency_s) {
             Ok(judged) => judged?,
