@@ -37,7 +37,7 @@ pub struct Sample {
     pub displacement: u16,
     /// Amplifier monitor, ADC code.
     pub monitor: u16,
-    /// Drive, DAC code.
+    /// Drive, DAC code: that which the DAC has, the one before where this one came too late.
     pub drive: u16,
     /// Which limits acted.
     pub limited_by: Limits,
