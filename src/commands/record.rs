@@ -202,15 +202,16 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     for settings in &plan.settings {
         warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);
     }
+    let Some(rig) = &model.rig else { return Ok(warnings) };
     // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
-    let (chain, most_um) = (model.chain(), model.rig.as_ref().map(|rig| rig.displacement_max_um.value));
+    let (chain, most_um) = (model.chain(), rig.displacement_max_um.value);
     let start = Start::relaxed(&chain);
     let driven = plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
     for (experiment, Played { program, samples, .. }) in driven {
         let (samples, seed) = (*samples, call.seed);
         let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed };
         let peak_um = 1e6 * open_loop_peak_m(&setup, program)?;
-        if let Some(most_um) = most_um.filter(|most_um| peak_um > *most_um) {
+        if peak_um > most_um {
             return Err(Failure::call(format!(
                 "{}: it would take the stage to {peak_um:.0} um, and the [rig] of --plant stands {most_um} um: lower the volts (a set's with --size)",
                 experiment.spec

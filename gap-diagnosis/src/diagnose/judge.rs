@@ -7,7 +7,7 @@ use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_wor
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
-use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, refitted};
+use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, nominal, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
@@ -91,7 +91,7 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     // What a fit with states of its own at the start has found, starts in equilibrium may reach as well, if they are sought anew with its numbers.
     let is_of_starts = |fit: &Candidate| fit.hypothesis.installed.iter().any(|i| i.form.kind == Kind::Start);
     let again = best.filter(shows_better).map(|fit| match search.refit_again(&course.refit, fit) {
-        again if is_of_starts(fit) => come_home(search, search.resettled(again, &fit.found.z, &[])),
+        again if is_of_starts(fit) => come_home(search, search.resettled(again, &fit.found.z, &[]), &nominal(search)),
         again => again,
     });
     match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {

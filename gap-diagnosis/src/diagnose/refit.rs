@@ -20,7 +20,7 @@ pub(super) const AT_NOISE: f64 = 1.06;
 pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     let mut refit = search.refit(freedom);
     // Where the numbers belong: at nominal, or where a payload or a gain has put them.
-    let mut home = vec![0.0; search.bench.free.len()];
+    let mut home = nominal(search);
     if let Some(numbers) = along(search.bench, &refit.found).filter(|_| is_bent(&refit)) {
         refit = search.polish_from(refit, &numbers);
         // Starts that followed the wrong numbers for long lock their logs.
@@ -36,13 +36,12 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
         if !(has_gap || is_bent(&refit)) || refit.chi > LOCAL_MINIMUM {
             break;
         }
-        // At the noise only the numbers are wrong, and first of all they are asked to come home: alone, then with starts that settle there.
-        if !has_gap && attempt == 0 {
-            refit = search.unbent(refit);
-        }
-        if has_gap || attempt > 0 || is_bent(&refit) {
-            refit = search.refit_elsewhere(refit, &home, attempt);
-        }
+        // At the noise only the numbers are wrong.
+        refit = if !has_gap && attempt == 0 {
+            come_home(search, refit, &home)
+        } else {
+            search.refit_elsewhere(refit, &home, attempt)
+        };
     }
     if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
 }
@@ -65,21 +64,24 @@ fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
         }
         refit = search.resettled(refit, &found.found.z, &logs);
         if !has_gap(&refit) {
-            return come_home(search, refit);
+            return come_home(search, refit, &nominal(search));
         }
     }
     refit
 }
 
-/// A refit at the noise, its numbers asked to come home if they have wandered: alone, then with starts that settle there.
-pub(super) fn come_home(search: &Search<'_>, mut refit: Candidate) -> Candidate {
-    if !has_gap(&refit) && is_bent(&refit) {
-        refit = search.unbent(refit);
+/// A refit at the noise, its numbers asked to come `home` if they have wandered: alone, then with starts that settle there.
+pub(super) fn come_home(search: &Search<'_>, refit: Candidate, home: &[f64]) -> Candidate {
+    if has_gap(&refit) || !is_bent(&refit) {
+        return refit;
     }
-    if !has_gap(&refit) && is_bent(&refit) {
-        refit = search.refit_elsewhere(refit, &vec![0.0; search.bench.free.len()], 0);
-    }
-    refit
+    let refit = search.unbent(refit);
+    if is_bent(&refit) { search.refit_elsewhere(refit, home, 0) } else { refit }
+}
+
+/// The numbers as the plant's file has them.
+pub(super) fn nominal(search: &Search<'_>) -> Vec<f64> {
+    vec![0.0; search.bench.free.len()]
 }
 
 fn is_bent(refit: &Candidate) -> bool {

@@ -250,15 +250,18 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
                     members.push(id);
                 }
             }
-            reasons.push(if !course.has_gap() {
-                format!("with {own} and with {theirs} alike nothing stays but noise, so that only what the numbers' shifts cost and what shows below the noise tell")
+            reasons.push(if course.has_gap() {
+                format!(
+                    "{own} leaves {:.1} % of the gap and {theirs} {:.1} %, while these logs resolve {:.1} %",
+                    100.0 * left,
+                    100.0 * their_left,
+                    100.0 * floor
+                )
             } else {
                 format!(
-                "{own} leaves {:.1} % of the gap and {theirs} {:.1} %, while these logs resolve {:.1} %",
-                100.0 * left,
-                100.0 * their_left,
-                100.0 * floor
-            )
+                    "with {own} and with {theirs} alike nothing stays but noise, so that only what the numbers' shifts cost and what shows \
+                     below the noise tell"
+                )
             });
         }
     }
