@@ -3,9 +3,11 @@
 use crate::support::{Folder, PI1, PLANT, column, json, number, root, run, stderr, stdout, succeeded};
 use control_core::Limits;
 use plant_sim::controller::Controller;
+use plant_sim::effects::{Kind, REGISTRY, Role, Scales, sane};
 use plant_sim::experiment::{Program, Recording, Setup, closed_loop};
 use plant_sim::log::{self, Hold, Log, ReadOptions};
 use plant_sim::model::Model;
+use plant_sim::param::Param;
 use plant_sim::replay::{Start, predict};
 use plant_sim::spec::Spec;
 use std::fs;
@@ -271,6 +273,61 @@ fn a_replay_of_a_simulated_log_reproduces_it() {
             }
         }
     }
+}
+
+/// Whatever a plant carries acts in a simulation and in a replay, and in the same way: there is one chain.
+#[test]
+fn a_replay_knows_every_effect_that_a_simulation_does() {
+    let folder = Folder::new("replay-effects");
+    let nominal = Model::read(&root().join(PLANT)).expect("a plant of the project");
+    let plant = nominal.chain().plant;
+    let scales = Scales { plant: &plant, ..sane::EXAMPLE };
+    for effect in REGISTRY {
+        for form in effect.forms().iter().filter(|form| form.kind == Kind::Predictable) {
+            let parameters = (form.parameters)(&scales);
+            let values = parameters.iter().map(|parameter| match &parameter.role {
+                Role::Amplitude(typical) => Param::absolute(*typical, 0.0, "typical"),
+                Role::Shape(starts) | Role::Place(starts) => Param::absolute(starts[0], 0.0, "typical"),
+            });
+            let model = nominal.clone().with_effect(*effect, form, &values.collect::<Vec<_>>());
+            model.write(&folder.path("plant.toml")).expect("room on the disk");
+            let drive = "--command multisine:60V@10-500Hz,seed=3,periods=2 --rate 20000 --seconds 0.2";
+            succeeded(&run(&folder, &format!("simulate --plant @/plant.toml {drive} --no-page --out @/l.csv")));
+            let replay = |plant: &str| {
+                let call = format!("replay --plant {plant} @/l.csv --initial relaxed --no-page --out @/p.csv --json");
+                number(&json(&run(&folder, &call)), "rms_um")
+            };
+            let context = format!("{}, {}", effect.id(), form.name);
+            assert!(replay(PLANT) > 1e-5, "{context}: the simulation does not know it");
+            replay("@/plant.toml");
+            assert_reproduced(&folder.read("p.csv"), &context);
+        }
+    }
+}
+
+#[test]
+fn a_sensor_with_its_own_clock_moves_the_recording_and_not_the_loop() {
+    let folder = Folder::new("clock");
+    let effect =
+        "[[effect]]\nid = \"clock_error\"\nform = \"ratio\"\n[effect.parameters]\nclock_ratio = { value = 1e-3 }";
+    plant_with(&folder, "clock.toml", effect);
+    let simulated = |plant: &str| {
+        let drive = format!("--controller {PI1} --reference sine:80um@50Hz --rate 20000 --seconds 0.1");
+        succeeded(&run(&folder, &format!("simulate --plant {plant} {drive} --no-page --out @/l.csv")));
+        folder.read("l.csv")
+    };
+    let (in_time, late) = (simulated(PLANT), simulated("@/clock.toml"));
+    assert_eq!(column(&in_time, "command_V"), column(&late, "command_V"));
+    // After 0.1 s readings come 0.1 ms late, of a sine that moves by 25 um in a millisecond.
+    let moved = column(&in_time, "displacement_um").into_iter().zip(column(&late, "displacement_um"));
+    let most = moved.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!((2.0..3.0).contains(&most), "{most}");
+    succeeded(&run(&folder, "replay --plant @/clock.toml @/l.csv --initial relaxed --no-page --out @/p.csv"));
+    assert_reproduced(&folder.read("p.csv"), "closed loop");
+    let live = format!(
+        "hil --board in-process --plant @/clock.toml --controller {PI1} --reference step:10um --rate 10000 --seconds 0.01 --out @/run"
+    );
+    assert!(stderr(&run(&folder, &live)).contains("warning: clock_error moves rows of a recording"));
 }
 
 #[test]

@@ -25,6 +25,8 @@ pub(crate) const STEP_S: f64 = 1e-6;
 
 /// From a row's sampling to its command's new edge, in every log.
 pub(crate) const LATENCY_US: f64 = 10.0;
+/// Steps of the integrator within which two instants are one.
+const ROUNDING: f64 = 1e-3;
 
 /// A bench with everything that is true of it.
 #[derive(Clone, Debug)]
@@ -275,7 +277,9 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
         }
         step += 1;
         let t_after = step as f64 * h;
-        while next_sample_s <= t_after && n_sampled < n_before + n_rows {
+        // Where a row falls on the start to rounding, it is the row after it.
+        let is_after = |sample_s: f64| started || sample_s < t_zero - ROUNDING * h;
+        while next_sample_s <= t_after && is_after(next_sample_s) && n_sampled < n_before + n_rows {
             let share = ((t_after - next_sample_s) / h).clamp(0.0, 1.0);
             let at = y + (y_before - y) * share;
             let row = Row { t_s: (n_sampled as f64 - n_before as f64) * period_s, period_s };

@@ -477,3 +477,19 @@ fn clocks_and_edges_keep_their_order() {
     let moved_nm = largest_difference_nm(&turns, &delayed);
     assert!(moved_nm > 1.0 && moved_nm < 0.05 * largest_difference_nm(&delayed, &plain), "{moved_nm} nm");
 }
+
+/// Row 0 lies on a step of the integrator to rounding, wherever the history before it ends.
+#[test]
+fn the_first_row_shows_the_state_that_a_disturbed_log_starts_from() {
+    for rate_hz in [10_000.0, 20_000.0] {
+        for rest_rows in 200..240 {
+            let mut disturbed = silent();
+            disturbed.start.precharge_v = 12.0;
+            disturbed.history = History::Demagnetised { volts: 30.0, rest_s: f64::from(rest_rows) / rate_hz };
+            let (source, seed) = (Source::Open(&[0.0; 4]), u64::from(rest_rows as u32));
+            let session = Session { source, rate_hz, rest_v: 0.0, seed, monitor: false, step_s: STEP_S };
+            let rows_um = record(&disturbed, &session).displacement_um;
+            assert!(rows_um[0].abs() > 5.0 && (rows_um[1] - rows_um[0]).abs() < 1.0, "{rest_rows}: {rows_um:?}");
+        }
+    }
+}

@@ -3,8 +3,9 @@
 //! The control law and the waveforms are `control-core`'s own, in f32, as they run on a board.
 
 use crate::chain::{Arrivals, Chain, Held, SensorState, Simulator};
+use crate::log::{Log, Meta};
 use crate::margins::Loop;
-use crate::replay::Start;
+use crate::replay::{Reader, Start};
 use crate::spec::{self, Shape, Spec, SpecError, Unit};
 use control_core::{
     Generator, GeneratorState, Inverse, InverseState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState,
@@ -306,6 +307,7 @@ fn run(
     };
     let mut bench = Bench::new(setup);
     let mut recording = Recording { dt_s: bench.dt_s, ..Recording::default() };
+    let (has_own_clock, mut held_v) = (setup.chain.sensor.has_own_clock(), Vec::new());
     let report_every = (setup.samples / 200).max(1);
     for sample in 0..setup.samples {
         let reading_m = bench.read_m();
@@ -319,11 +321,31 @@ fn run(
         recording.limited_by.push(limited_by);
         recording.peak_m = recording.peak_m.max(bench.moved_m().abs());
         bench.apply(command_v);
+        if has_own_clock {
+            held_v.push(bench.held_v());
+        }
         if sample % report_every == 0 {
             progress(sample);
         }
     }
+    if has_own_clock {
+        recording.displacement_m = recorded_m(setup, held_v);
+    }
     Ok(recording)
+}
+
+/// What a sensor with a clock of its own records of a run whose drive held these volts. The loop has read it in time: rows of a recording move,
+/// what happens does not.
+fn recorded_m(setup: &Setup<'_>, held_v: Vec<f64>) -> Vec<f64> {
+    let meta = Meta { latency_s: setup.latency_s, ..Meta::default() };
+    let log = Log { dt_s: 1.0 / setup.rate_hz, command_v: held_v, meta, ..Log::default() };
+    let mut reader = Reader::new(setup.chain, &log, setup.start);
+    let mut sensor = SensorState::new(&setup.chain.sensor, setup.seed);
+    let row = |_| {
+        let ideal_m = reader.next_m();
+        sensor.read_m(ideal_m, reader.stream.motion.1, log.dt_s)
+    };
+    (0..log.command_v.len()).map(row).collect()
 }
 
 /// The loop that `settings` close around a plant, for its margins.

@@ -512,6 +512,18 @@ impl Model {
         }
         warnings
     }
+
+    /// The same for a plant that a live loop runs with.
+    pub fn live_warnings(&self) -> Vec<String> {
+        let mut warnings = self.warnings();
+        if self.chain().sensor.has_own_clock() {
+            warnings.push(
+                "clock_error moves rows of a recording, and nothing in a loop that runs: it is left out here"
+                    .to_owned(),
+            );
+        }
+        warnings
+    }
 }
 
 fn check_sigma(key: &str, param: &Param) -> Result<(), String> {

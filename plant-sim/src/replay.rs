@@ -3,7 +3,7 @@
 mod clock;
 
 use crate::chain::{Chain, Held, Simulator};
-use crate::log::{Hold, Log};
+use crate::log::{Hold, Log, Meta};
 use crate::phs::PhsState;
 use crate::resample::{self, Resampler};
 use clock::{Clock, Row};
@@ -153,13 +153,39 @@ pub fn play(chain: &Chain, log: &Log, start: &Start, rows: usize, mut after: imp
     let mut reader = Reader::new(chain, log, start);
     for _ in 0..rows.min(log.len()) {
         let reading_m = reader.next_m();
-        after(reading_m, &reader.player);
+        after(reading_m, &reader.stream.player);
     }
 }
 
-/// Plays a log row by row.
-pub struct Reader<'a> {
-    log: &'a Log,
+/// Commands and external forces of a log, of which one that is read as it comes shows some rows at a time.
+#[derive(Clone, Copy, Debug)]
+pub struct Commands<'a> {
+    /// The log's row that the slices begin with.
+    pub first: usize,
+    /// Volts.
+    pub command_v: &'a [f64],
+    /// Newtons, if the log has any; as many rows.
+    pub force_n: Option<&'a [f64]>,
+}
+
+impl<'a> From<&'a Log> for Commands<'a> {
+    fn from(log: &'a Log) -> Self {
+        Self { first: 0, command_v: &log.command_v, force_n: log.force_n.as_deref() }
+    }
+}
+
+impl Commands<'_> {
+    /// Volts of `row`, if it is among these.
+    fn volts(&self, row: usize) -> Option<f64> {
+        self.command_v.get(row.checked_sub(self.first)?).copied()
+    }
+}
+
+/// Reads row by row what an ideal sensor would have logged, while the log's commands come in.
+///
+/// [`Stream::needs`] is what has to be known of them before each [`Stream::next_m`]. A clock that is not the drive's makes that more than the rows
+/// that the log's `hold` calls for.
+pub struct Stream {
     player: Player,
     ahead: usize,
     clock: Option<Clock>,
@@ -172,37 +198,67 @@ pub struct Reader<'a> {
     pub before_reading: (f64, f64),
 }
 
-impl<'a> Reader<'a> {
-    /// Before the first row of `log`.
-    pub fn new(chain: &Chain, log: &'a Log, start: &Start) -> Self {
-        let player = Player::new(chain, log.dt_s, log.meta.latency_s, log.meta.hold, start);
+impl Stream {
+    /// Before the first row of a log whose rows are `sample_s` apart.
+    pub fn new(chain: &Chain, sample_s: f64, meta: &Meta, start: &Start) -> Self {
+        let player = Player::new(chain, sample_s, meta.latency_s, meta.hold, start);
         let ahead = 1 + player.look_ahead();
-        let clock = Clock::of(chain, log, start);
-        Self { log, player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0.0) }
+        let clock = Clock::of(chain, sample_s, meta, start);
+        Self { player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0.0) }
+    }
+
+    /// Rows that have to be known before the next one is read: from the first to before the second, or as many as the log has.
+    pub fn needs(&self) -> [usize; 2] {
+        match &self.clock {
+            None => [self.row, self.row + self.ahead],
+            Some(clock) => {
+                let [from, to] = clock.needs(self.row);
+                [from, to + self.ahead]
+            }
+        }
     }
 
     /// Reading of an ideal sensor at the next row, metres. Beyond the log's end the last command is held.
-    pub fn next_m(&mut self) -> f64 {
+    pub fn next_m(&mut self, commands: Commands<'_>) -> f64 {
         let row = self.row;
         self.row += 1;
         let simulator = &self.player.simulator;
         (self.drive_v, self.motion, self.before_reading) =
             (simulator.drive_v(), simulator.motion(), simulator.before_reading());
-        let Some(mut clock) = self.clock.take() else { return self.step(row) };
+        let Some(mut clock) = self.clock.take() else { return self.step(row, commands) };
         while clock.lacks(row) {
             let (displacement_m, velocity_m_per_s) = self.player.simulator.motion();
-            let reading_m = self.step(clock.taken());
+            let reading_m = self.step(clock.taken(), commands);
             clock.take(Row { reading_m, displacement_m, velocity_m_per_s });
         }
-        let reading_m = clock.read_m(row, &self.log.command_v);
+        let reading_m = clock.read_m(row, commands);
         self.clock = Some(clock);
         reading_m
     }
 
-    fn step(&mut self, row: usize) -> f64 {
-        let n_rows = self.log.len();
-        let k = row.min(n_rows - 1);
-        let force_n = self.log.force_n.as_ref().map_or(0.0, |f| f[k]);
-        self.player.step(&self.log.command_v[k..(k + self.ahead).min(n_rows)], force_n)
+    fn step(&mut self, row: usize, commands: Commands<'_>) -> f64 {
+        let n_rows = commands.command_v.len();
+        let k = (row - commands.first).min(n_rows - 1);
+        let force_n = commands.force_n.map_or(0.0, |f| f[k]);
+        self.player.step(&commands.command_v[k..(k + self.ahead).min(n_rows)], force_n)
+    }
+}
+
+/// Plays a log row by row.
+pub struct Reader<'a> {
+    commands: Commands<'a>,
+    /// What plays it.
+    pub stream: Stream,
+}
+
+impl<'a> Reader<'a> {
+    /// Before the first row of `log`.
+    pub fn new(chain: &Chain, log: &'a Log, start: &Start) -> Self {
+        Self { commands: log.into(), stream: Stream::new(chain, log.dt_s, &log.meta, start) }
+    }
+
+    /// See [`Stream::next_m`].
+    pub fn next_m(&mut self) -> f64 {
+        self.stream.next_m(self.commands)
     }
 }

@@ -89,7 +89,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         ready = prepare::<_, RunError>(&mut session, &settings, &waveform, false)?;
         ready.latency_s = paced::latency_s(call.rate);
     }
-    let mut warnings = model.warnings();
+    let mut warnings = model.live_warnings();
     warnings.extend(board::loop_warnings(&settings, call.rate, ready.latency_s, &model)?);
     let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let start = Start { state, drive_v, memory: 0.0 };

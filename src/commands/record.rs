@@ -197,7 +197,7 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
         let blind = "no --plant: whether the loops are stable was not checked";
         return Ok(plan.settings.first().map(|_| blind.to_owned()).into_iter().collect());
     };
-    let mut warnings = model.warnings();
+    let mut warnings = model.live_warnings();
     let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
     for settings in &plan.settings {
         warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);

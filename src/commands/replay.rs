@@ -11,13 +11,15 @@ use plant_sim::chain::Chain;
 use plant_sim::log::{self, Column, Log, Meta, Row, Writer};
 use plant_sim::metrics::Score;
 use plant_sim::model::Model;
-use plant_sim::replay::{Initial, Player, Start};
+use plant_sim::replay::{Commands, Initial, Start, Stream};
 use std::collections::VecDeque;
 
 /// Rows that are kept in memory: for the fit of the start, for warnings, and for the residual's autocorrelation.
 const HEAD_ROWS: usize = 200_000;
 /// Rows that the page keeps; beyond, every second one is dropped, and so on.
 const PAGE_ROWS: usize = 400_000;
+/// Rows whose commands are forgotten together.
+const FORGET_ROWS: usize = 4096;
 
 pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
@@ -119,24 +121,25 @@ impl Replay<'_> {
         let mut reader = log::open(&self.call.log, &self.call.read.options())?;
         let meta = &self.head.meta;
         // The head knows the sampling interval better than the first rows do, whose printed times are rounded.
-        let mut player = Player::new(self.chain, self.head.dt_s, meta.latency_s, meta.hold, self.start);
+        let mut stream = Stream::new(self.chain, self.head.dt_s, meta, self.start);
         let mut score = Score::default();
         let mut rows = 0usize;
-        // The present row and those that its hold calls for.
+        // Rows that are read but not yet replayed, and what the stream needs to know.
         let mut window: VecDeque<Row> = VecDeque::new();
-        let mut commands_v: VecDeque<f64> = VecDeque::new();
+        let mut known = Known::default();
         loop {
-            while window.len() <= player.look_ahead()
+            let [from, to] = stream.needs();
+            known.forget(from);
+            while known.end() < to.max(rows + 1)
                 && let Some(row) = reader.next().transpose()?
             {
-                commands_v.push_back(row.command_v);
+                known.add(&row);
                 window.push_back(row);
             }
             let Some(row) = window.pop_front() else {
                 return Ok(score);
             };
-            let predicted_m = offset_m + player.step(commands_v.make_contiguous(), row.force_n.unwrap_or(0.0));
-            commands_v.pop_front();
+            let predicted_m = offset_m + stream.next_m(known.commands());
             if rows >= self.run_in {
                 score.add(row.displacement_m, predicted_m);
             }
@@ -146,6 +149,39 @@ impl Replay<'_> {
                 self.spinner.set_message(format!("replaying, {rows} rows"));
             }
         }
+    }
+}
+
+/// The rows of a log that its stream may still ask for.
+#[derive(Default)]
+struct Known {
+    first: usize,
+    command_v: Vec<f64>,
+    force_n: Vec<f64>,
+}
+
+impl Known {
+    fn end(&self) -> usize {
+        self.first + self.command_v.len()
+    }
+
+    fn add(&mut self, row: &Row) {
+        self.command_v.push(row.command_v);
+        self.force_n.push(row.force_n.unwrap_or(0.0));
+    }
+
+    /// Rows before `from` are no longer needed; they go once they are many, because what stays is moved.
+    fn forget(&mut self, from: usize) {
+        let old = from.saturating_sub(self.first);
+        if old > FORGET_ROWS.max(self.command_v.len() / 2) && old < self.command_v.len() {
+            self.command_v.drain(..old);
+            self.force_n.drain(..old);
+            self.first += old;
+        }
+    }
+
+    fn commands(&self) -> Commands<'_> {
+        Commands { first: self.first, command_v: &self.command_v, force_n: Some(&self.force_n) }
     }
 }
 

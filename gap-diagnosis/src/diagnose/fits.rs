@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::directions::{FREED_BESIDES, NEARLY_ALL};
 use super::judge::{RESOLVED, Say};
-use super::refit::AT_NOISE;
+use super::refit::{AT_NOISE, come_home, nominal};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
@@ -321,7 +321,7 @@ impl Fits<'_> {
                     *fit = self.search.polish_from(fit.clone(), &numbers);
                 }
                 if fit.chi < AT_NOISE && fit.found.prior_cost > FREED_BESIDES {
-                    *fit = self.search.unbent(fit.clone());
+                    *fit = come_home(self.search, fit.clone(), &nominal(self.search));
                 }
             }
         }

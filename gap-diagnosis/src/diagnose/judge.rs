@@ -133,6 +133,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let quiet = scatters
         .min_by(|a, b| a.judged.left.total_cmp(&b.judged.left))
         .and_then(|explanation| Quiet::beside(search.bench, explanation, &remainders));
+    // Of ten minutes they are two hundred megabytes.
+    drop(remainders);
     let hidden = quiet.as_ref().map_or_else(Vec::new, |quiet| quiet.hidden(&fitting));
     let whole = hidden.iter().filter(|fit| judge.left(fit) <= PAIR_BEYOND);
     let mut explanations: Vec<Explanation> = fits.iter().chain(whole).map(|fit| judge.by_fit(fit)).collect();

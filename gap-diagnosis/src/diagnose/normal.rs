@@ -150,8 +150,7 @@ impl<'a> Beside<'a> {
         other: &(Chain, Start),
     ) -> Self {
         let (chain, start) = at(bench, hypothesis, z, index);
-        let has_one_clock = chain.sensor.clock_ratio == 0.0 && chain.sensor.clock_drift_per_s == 0.0;
-        if has_one_clock && start == other.1 && chain.differs_in_reading_only(&other.0) {
+        if !chain.sensor.has_own_clock() && start == other.1 && chain.differs_in_reading_only(&other.0) {
             return Self::Read(chain.sensor);
         }
         Self::Played(Reader::new(&chain, log, &start))
@@ -188,7 +187,7 @@ pub(super) struct Chunk {
     pub rows: usize,
     /// Prediction at the rows of the sensitivities; see [`predict`].
     pub base: Vec<f64>,
-    /// What the sensor made it of, and when; see [`Reader::before_reading`].
+    /// What the sensor made it of, and when; see [`plant_sim::replay::Stream::before_reading`].
     pub seen: Vec<(f64, f64)>,
     /// Derivatives of that by each coordinate.
     pub columns: Vec<Vec<f64>>,
@@ -298,9 +297,9 @@ fn predict_seeing(
     let mut predicted = vec![0.0; if monitor.is_some() { 2 * rows } else { rows }];
     for k in 0..rows {
         predicted[k] = reader.next_m();
-        see(reader.before_reading);
+        see(reader.stream.before_reading);
         if let Some(m_per_v) = monitor {
-            predicted[rows + k] = m_per_v * reader.drive_v;
+            predicted[rows + k] = m_per_v * reader.stream.drive_v;
         }
     }
     predicted

@@ -37,10 +37,10 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
             break;
         }
         // At the noise only the numbers are wrong.
-        refit = if !has_gap && attempt == 0 {
-            come_home(search, refit, &home)
-        } else {
-            search.refit_elsewhere(refit, &home, attempt)
+        refit = match attempt {
+            0 if !has_gap => come_home(search, refit, &home),
+            0 => search.settled_at(refit, &home),
+            _ => search.refit_elsewhere(refit, &home, attempt),
         };
     }
     if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
@@ -70,13 +70,13 @@ fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
     refit
 }
 
-/// A refit at the noise, its numbers asked to come `home` if they have wandered: alone, then with starts that settle there.
-pub(super) fn come_home(search: &Search<'_>, refit: Candidate, home: &[f64]) -> Candidate {
-    if has_gap(&refit) || !is_bent(&refit) {
-        return refit;
+/// A fit at the noise, its numbers asked to come `home` if they have wandered: alone, then with starts that settle there.
+pub(super) fn come_home(search: &Search<'_>, fit: Candidate, home: &[f64]) -> Candidate {
+    if has_gap(&fit) || !is_bent(&fit) {
+        return fit;
     }
-    let refit = search.unbent(refit);
-    if is_bent(&refit) { search.refit_elsewhere(refit, home, 0) } else { refit }
+    let fit = search.unbent(fit, home);
+    if is_bent(&fit) { search.settled_at(fit, home) } else { fit }
 }
 
 /// The numbers as the plant's file has them.

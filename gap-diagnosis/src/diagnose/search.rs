@@ -91,7 +91,8 @@ pub struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
+    /// What was found for `hypothesis`.
+    pub fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
         let worst_chi = self.chis(&found).into_iter().fold(0.0, f64::max);
         let weights = noise_weights(self.bench);
         let chi = found.normal.cost(&weights) / found.normal.rows().max(1) as f64;
@@ -208,26 +209,30 @@ impl Search<'_> {
         (0..self.bench.records.len()).for_each(|index| settle(self.bench, hypothesis, z, index));
     }
 
-    /// The refit from another start: where the numbers of `home` let the starts settle, then on the other side of them, then where the
-    /// priors allow about them. The better of both.
+    /// The refit from another start: with the numbers on the other side of those of `home`, then where the priors allow about them. The better of both.
     pub fn refit_elsewhere(&self, refit: Candidate, home: &[f64], attempt: u64) -> Candidate {
         let mut z = self.bench.origin(&refit.hypothesis);
         let mut random = Pcg64::seed_from_u64(attempt);
         for (i, free) in self.bench.free.iter().enumerate() {
             let draw: f64 = random.random_range(-1.5..1.5);
-            z[i] = match attempt {
-                0 => home[i],
-                1 => 2.0 * home[i] - refit.found.z[i],
-                _ => home[i] + free.prior_sigma * draw,
-            };
+            z[i] = if attempt == 1 { 2.0 * home[i] - refit.found.z[i] } else { home[i] + free.prior_sigma * draw };
         }
-        let mut stages = &STAGES[2..];
-        if attempt == 0 {
-            self.settle(&refit.hypothesis, &mut z);
-            stages = &STAGES[STAGES.len() - 1..];
-        }
-        let other = self.descend(&refit.hypothesis, z, stages);
+        let other = self.descend(&refit.hypothesis, z, &STAGES[2..]);
         cheaper(refit, other)
+    }
+
+    /// The candidate again, its nominal numbers put at `home` and its starts where these let them settle; the better of both.
+    pub fn settled_at(&self, candidate: Candidate, home: &[f64]) -> Candidate {
+        let (bench, hypothesis) = (self.bench, &candidate.hypothesis);
+        let (mut z, origin) = (candidate.found.z.clone(), bench.origin(hypothesis));
+        z[..home.len()].copy_from_slice(home);
+        for index in 0..bench.records.len() {
+            let places = bench.start_places(hypothesis, index);
+            z[places.clone()].copy_from_slice(&origin[places]);
+        }
+        self.settle(hypothesis, &mut z);
+        let other = self.descend(hypothesis, z, &STAGES[STAGES.len() - 1..]);
+        cheaper(candidate, other)
     }
 
     /// The refit from the numbers that `found` begins with, where starts settle anew but those of `logs`, which follow in `found` one after the other;
@@ -434,12 +439,12 @@ impl Search<'_> {
         cheaper(candidate, again)
     }
 
-    /// A candidate at the noise again, its nominal numbers put back at nominal and its readings counted as the independent ones that they
-    /// are worth; the better of both under that count. Numbers that a kink holds far from nominal, or noise that lasts, come home.
-    pub fn unbent(&self, candidate: Candidate) -> Candidate {
+    /// A candidate at the noise again, its nominal numbers put back at `home` and its readings counted as the independent ones that they
+    /// are worth; the better of both under that count. Numbers that a kink holds far from there, or noise that lasts, come home.
+    pub fn unbent(&self, candidate: Candidate, home: &[f64]) -> Candidate {
         let repeats = self.repeats(&candidate);
         let mut z = candidate.found.z.clone();
-        z[..self.bench.free.len()].fill(0.0);
+        z[..home.len()].copy_from_slice(home);
         let mut stages = STAGES;
         stages[STAGES.len() - 1] = repeats;
         let other = self.descend(&candidate.hypothesis, z, &stages);
@@ -466,7 +471,7 @@ impl Search<'_> {
         let one = |index: usize| {
             let log = self.bench.records[index].log;
             let mut reader = reader(self.bench, &candidate.hypothesis, &candidate.found.z, index);
-            let row = |y: &f64| (y - reader.next_m(), reader.motion.1);
+            let row = |y: &f64| (y - reader.next_m(), reader.stream.motion.1);
             let (residual_m, velocity_m_per_s) = log.displacement_m.iter().map(row).unzip();
             Remainder { residual_m, velocity_m_per_s }
         };

@@ -16,6 +16,7 @@ mod search;
 pub mod tfest;
 
 use crate::residual::{Autocorrelation, aic_bic};
+use nalgebra::DVector;
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 use plant_sim::model::{Kind, Model};
@@ -58,6 +59,9 @@ pub enum From {
         mass_kg: f64,
     },
 }
+
+/// Where a hysteron is tried at a log's start, in coordinates of [`parameters::StartCoordinates`].
+const AWAY: f64 = 1.5;
 
 /// Number of hysterons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -340,8 +344,22 @@ pub fn fit_start(
     let records = [search::record(log, run_in, initial, offset_free)];
     let records = search::shortened(&chain, &records);
     let base = problem::Base { chain, effects: Vec::new() };
-    let z = search::origin(&base, &records, &[], &simulations);
-    let problem = search::descend(problem::Problem::new(&records, &[], &base, &simulations, z), search::FINE);
-    let (offset_m, start) = problem.own_start(0);
+    let origin = search::origin(&base, &records, &[], &simulations);
+    let best_from = |mut z: DVector<f64>| {
+        let problem = problem::Problem::new(&records, &[], &base, &simulations, z.clone());
+        problem.set_displacement(&mut z, 0);
+        search::descend(problem::Problem::new(&records, &[], &base, &simulations, z), search::FINE)
+    };
+    let mut best = best_from(origin);
+    // A hysteron's memory moves nothing until an edge is met: each is tried on either side as well, beside the best of the others.
+    for (place, side) in best.places_of_hysterons(0).flat_map(|place| [(place, -AWAY), (place, AWAY)]) {
+        let mut z = best.coordinates_now().clone();
+        z[place] = side;
+        let found = best_from(z);
+        if found.cost() < best.cost() {
+            best = found;
+        }
+    }
+    let (offset_m, start) = best.own_start(0);
     Ok((start, offset_m))
 }

@@ -343,6 +343,11 @@ impl StartCoordinates {
         }
     }
 
+    /// Metres of one coordinate unit of the displacement.
+    pub fn travel_m(&self, chain: &Chain) -> f64 {
+        chain.plant.static_gain_m_per_v() * self.span_v
+    }
+
     /// The start at coordinates `z`.
     pub fn at(&self, chain: &Chain, z: &[f64]) -> Start {
         if self.initial == Initial::Relaxed {
@@ -357,7 +362,7 @@ impl StartCoordinates {
         }
         let voltages = hysterons.iter().zip(own).map(|(h, z)| (h.edge_v() + 1e-3 * self.span_v) * z).collect();
         let mut start = Start::at_rest(chain, drive_v, voltages);
-        let travel_m = chain.plant.static_gain_m_per_v() * self.span_v;
+        let travel_m = self.travel_m(chain);
         start.state.displacement_m += travel_m * z[hysterons.len() + 1];
         let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
         start.state.velocity_m_per_s += travel_m * turning_per_s * z[hysterons.len() + 2];

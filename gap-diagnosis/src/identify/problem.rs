@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 use plant_sim::model::EffectSection;
-use plant_sim::replay::{Start, predict};
+use plant_sim::replay::{Initial, Start, predict};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -134,6 +134,22 @@ impl<'a> Problem<'a> {
         z[self.own(index)] += offset_m / self.offset_unit_m;
     }
 
+    /// Moves a start of log `index` that is free in `z` to where the first row reads it, hysterons as they are.
+    pub fn set_displacement(&self, z: &mut DVector<f64>, index: usize) {
+        let record = &self.records[index];
+        if record.start.initial != Initial::Fit {
+            return;
+        }
+        let place = self.places_of_hysterons(index).end;
+        z[place] = 0.0;
+        let chain = self.chain(z);
+        let sensor = &chain.sensor;
+        let offset_m = sensor.offset_m + self.offset_unit_m * z[self.own(index)];
+        let displacement_m = (record.log.displacement_m[0] - offset_m) / sensor.gain;
+        let equilibrium_m = record.start.at(&chain, &z.as_slice()[self.own(index) + 1..]).state.displacement_m;
+        z[place] = (displacement_m - equilibrium_m) / record.start.travel_m(&chain);
+    }
+
     /// Residuals of the data rows in the records' units.
     pub fn data_residuals(&self) -> DVector<f64> {
         self.residuals.rows(0, self.data_rows()).into_owned()
@@ -144,6 +160,12 @@ impl<'a> Problem<'a> {
         let chain = self.chain(&self.z);
         let at = self.own(index);
         (self.offset_unit_m * self.z[at], self.records[index].start.at(&chain, &self.z.as_slice()[at + 1..]))
+    }
+
+    /// Coordinates of the hysterons' voltages at the start of log `index`.
+    pub fn places_of_hysterons(&self, index: usize) -> std::ops::Range<usize> {
+        let from = self.own(index) + 2;
+        from..from + self.records[index].start.count(self.hysterons).min(self.hysterons)
     }
 
     /// Prediction of log `index` at `z` in metres, its offset included.

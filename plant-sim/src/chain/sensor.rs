@@ -164,6 +164,11 @@ pub struct Line {
 }
 
 impl Sensor {
+    /// Whether it is read at the instants of a clock that is not the drive's. That moves what is recorded and nothing that happens.
+    pub fn has_own_clock(&self) -> bool {
+        self.clock_ratio != 0.0 || self.clock_drift_per_s != 0.0
+    }
+
     /// A sensor that reads the displacement.
     pub const IDEAL: Sensor = Sensor {
         play_m: 0.0,

@@ -1,8 +1,8 @@
 //! Readings at the instants of a clock that is not the drive's.
 
 use crate::chain::{Chain, Drive, Sensor};
-use crate::log::{Hold, Log};
-use crate::replay::Start;
+use crate::log::{Hold, Meta};
+use crate::replay::{Commands, Start};
 use std::collections::VecDeque;
 
 /// Rows around an instant that an interpolation goes through.
@@ -32,16 +32,16 @@ pub(super) struct Row {
 }
 
 impl Clock {
-    /// That of the sensor in `chain`, which reads `log` from `start`; none where it is the drive's.
-    pub fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
+    /// That of the sensor in `chain`, which reads rows `sample_s` apart from `start`; none where it is the drive's.
+    pub fn of(chain: &Chain, sample_s: f64, meta: &Meta, start: &Start) -> Option<Self> {
         let ratio = chain.sensor.clock_ratio;
-        let half_drift = 0.5 * chain.sensor.clock_drift_per_s * log.dt_s;
-        (ratio != 0.0 || half_drift != 0.0).then(|| Self {
+        let half_drift = 0.5 * chain.sensor.clock_drift_per_s * sample_s;
+        chain.sensor.has_own_clock().then(|| Self {
             ratio,
             half_drift,
             known: VecDeque::new(),
             taken: 0,
-            structure: Structure::of(chain, log, start),
+            structure: Structure::of(chain, sample_s, meta, start),
         })
     }
 
@@ -54,6 +54,13 @@ impl Clock {
     fn instant(&self, k: usize) -> f64 {
         let k = k as f64;
         (k * (1.0 + self.ratio + self.half_drift * k)).max(0.0)
+    }
+
+    /// Rows whose commands row `k` is read with, from the first to before the second.
+    pub fn needs(&self, k: usize) -> [usize; 2] {
+        let before = self.instant(k).floor() as usize;
+        let late = self.structure.as_ref().map_or(0, |structure| structure.late.0 + 1);
+        [before.saturating_sub(late).min(self.taken), before + 3]
     }
 
     /// Whether the two rows after row `k`'s instant are still to come.
@@ -70,15 +77,15 @@ impl Clock {
         }
     }
 
-    /// Reading at row `k`'s instant: of where the structure is on its way between the rows around under `command_v`, or else on the cubic through
+    /// Reading at row `k`'s instant: of where the structure is on its way between the rows around under the `commands`, or else on the cubic through
     /// four readings.
-    pub fn read_m(&self, k: usize, command_v: &[f64]) -> f64 {
+    pub fn read_m(&self, k: usize, commands: Commands<'_>) -> f64 {
         let (first, instant) = (self.taken - self.known.len(), self.instant(k));
         let (before, nodes) = (instant.floor() as usize, self.known.len());
         if let Some(structure) = &self.structure {
             // A clock that runs back asks for rows that are gone.
             let [from, to] = [before, before + 1].map(|row| &self.known[row.saturating_sub(first)]);
-            let displacement_m = structure.between_m(from, to, instant.fract(), before, command_v);
+            let displacement_m = structure.between_m(from, to, instant.fract(), before, commands);
             return structure.sensor.predictable_m(displacement_m, instant * structure.sample_s);
         }
         let at = instant - first as f64;
@@ -134,7 +141,7 @@ impl Response {
 
 impl Structure {
     /// That of `chain`; none where the sensor sees something else, or the structure later.
-    fn of(chain: &Chain, log: &Log, start: &Start) -> Option<Self> {
+    fn of(chain: &Chain, sample_s: f64, meta: &Meta, start: &Start) -> Option<Self> {
         let Chain { drive, plant, parts, sensor } = chain;
         let is_seen_at_once = sensor.lag.is_none() && sensor.play_m == 0.0 && sensor.late_s == 0.0;
         let is_all =
@@ -142,42 +149,42 @@ impl Structure {
         if !(is_seen_at_once && is_all) {
             return None;
         }
-        let is_sharp = log.meta.hold == Hold::Zoh
+        let is_sharp = meta.hold == Hold::Zoh
             && !drive.has_memory()
             && drive.warming.is_none()
             && drive.swings.is_empty()
             && parts.transducer.is_none();
         let alpha = plant.transduction_c_per_m;
         let closed: f64 = plant.hysterons.iter().map(|hysteron| alpha * alpha / hysteron.capacitance_f).sum();
-        let late = (log.meta.latency_s + drive.delay_s) / log.dt_s;
+        let late = (meta.latency_s + drive.delay_s) / sample_s;
         let rates = [plant.damping_n_s_per_m / plant.mass_kg, (plant.stiffness_n_per_m + closed) / plant.mass_kg];
-        let late_s = late.fract() * log.dt_s;
+        let late_s = late.fract() * sample_s;
         Some(Self {
             sensor: sensor.clone(),
             edges: is_sharp.then(|| (drive.clone(), alpha / plant.mass_kg)),
             rates,
-            sample_s: log.dt_s,
+            sample_s,
             late: (late.floor() as usize, late_s),
-            whole: Response::after(log.dt_s, rates),
-            after_edge: Response::after(log.dt_s - late_s, rates),
+            whole: Response::after(sample_s, rates),
+            after_edge: Response::after(sample_s - late_s, rates),
             before_v: start.drive_v,
         })
     }
 
     /// By how much the acceleration jumps on the way from row `before` to the next, m/s^2.
-    fn jump_m_per_s2(&self, before: usize, command_v: &[f64]) -> f64 {
+    fn jump_m_per_s2(&self, before: usize, commands: Commands<'_>) -> f64 {
         let Some((drive, per_volt)) = &self.edges else { return 0.0 };
-        let edge = before.checked_sub(self.late.0).filter(|edge| *edge < command_v.len());
-        edge.map_or(0.0, |edge| {
-            let last_v = if edge == 0 { self.before_v } else { command_v[edge - 1] };
-            per_volt * (drive.output_v(command_v[edge]) - drive.output_v(last_v))
-        })
+        let jump_m_per_s2 = before.checked_sub(self.late.0).and_then(|edge| {
+            let last_v = if edge == 0 { self.before_v } else { commands.volts(edge - 1)? };
+            Some(per_volt * (drive.output_v(commands.volts(edge)?) - drive.output_v(last_v)))
+        });
+        jump_m_per_s2.unwrap_or(0.0)
     }
 
     /// Displacement at a `share` of the sample between rows `from` and `to`, of which `before` is the first's number.
-    fn between_m(&self, from: &Row, to: &Row, share: f64, before: usize, command_v: &[f64]) -> f64 {
+    fn between_m(&self, from: &Row, to: &Row, share: f64, before: usize, commands: Commands<'_>) -> f64 {
         let Row { displacement_m, velocity_m_per_s, .. } = from;
-        let (t, jump) = (share * self.sample_s, self.jump_m_per_s2(before, command_v));
+        let (t, jump) = (share * self.sample_s, self.jump_m_per_s2(before, commands));
         let end = &self.whole;
         let moved = velocity_m_per_s * end.velocity_s + jump * self.after_edge.displacement_s2;
         let constant = (to.displacement_m - displacement_m - moved) / end.displacement_s2;
