@@ -1,10 +1,10 @@
 //! Identification on made logs, whose truth is known, and on a measured one, whose second half is withheld.
 
-use gap_diagnosis::identify::{Fit, From, Hysterons, IdentifyError, Options, Verdict, identify};
-use plant_sim::experiment::{Program, Setup, open_loop};
+use gap_diagnosis::identify::{Fit, From, Hysterons, IdentifyError, Options, Verdict, fit_start, identify};
+use plant_sim::experiment::{Program, Recording, Setup, open_loop};
 use plant_sim::log::{Log, ReadOptions, read};
 use plant_sim::model::Model;
-use plant_sim::replay::{Initial, Start};
+use plant_sim::replay::{Initial, Start, predict};
 use plant_sim::spec::Spec;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -199,12 +199,29 @@ fn a_measured_micromanipulator_is_identified_and_its_unseen_log_predicted() {
     // A static line gets 79 % and about 88 %; noise of 0.07 um would allow 99.6 % and 99.4 %, which no plant of this kind reaches.
     assert!((97.0..99.0).contains(&fit.logs[0].fit_percent), "{}", fit.logs[0].fit_percent);
     let chain = fit.model.chain();
-    let (start, offset_m) =
-        gap_diagnosis::identify::fit_start(&chain, &test_log, Initial::Rest, 400, true).expect("the log moves");
+    let (start, offset_m) = fit_start(&chain, &test_log, Initial::Rest, 400, true).expect("the log moves");
     let mut score = plant_sim::metrics::Score::default();
-    let predicted = plant_sim::replay::predict(&chain, &test_log, &start, test_log.len());
+    let predicted = predict(&chain, &test_log, &start, test_log.len());
     for (y, p) in test_log.displacement_m.iter().zip(predicted).skip(400) {
         score.add(*y, p + offset_m);
     }
     assert!((95.5..98.5).contains(&score.fit_percent(true)), "{}", score.fit_percent(true));
+}
+
+#[test]
+fn a_start_beyond_a_dead_zone_is_found() {
+    let chain = thesis().chain();
+    let edges_v: Vec<f64> = chain.plant.hysterons.iter().map(|hysteron| hysteron.edge_v()).collect();
+    for charge in [-1.6, -1.3, 1.3, 1.6, 2.0] {
+        let state = Start::at_rest(&chain, 0.0, vec![0.4 * edges_v[0], charge * edges_v[1]]);
+        let program = Program::new(&Spec::parse(OPENING).expect("valid"), 1e4).expect("playable");
+        let setup = Setup { chain: &chain, start: &state, rate_hz: 1e4, samples: 10_000, latency_s: 0.0, seed: 1 };
+        let Recording { dt_s, command_v, displacement_m, .. } = open_loop(&setup, &program, &|_| ()).expect("runs");
+        let log = Log { dt_s, command_v, displacement_m, ..Log::default() };
+        let (start, _) = fit_start(&chain, &log, Initial::Fit, 0, false).expect("the log moves");
+        let predicted_m = predict(&chain, &log, &start, log.len());
+        let left_m = log.displacement_m.iter().zip(predicted_m).map(|(y, p)| (y - p).abs()).fold(0.0, f64::max);
+        // The fit stops at relative changes of 1e-7.
+        assert!(left_m < 1e-7, "{charge} edges: {left_m:e} m");
+    }
 }
