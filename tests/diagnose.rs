@@ -136,6 +136,24 @@ fn is_named(effect: EffectId, logs: &[&str]) {
     assert_eq!(names, 3, "nothing but the three files");
 }
 
+/// What was found is in the plant, and is not found again: an offset is put on top of the file's own, a payload moves with its numbers.
+#[test]
+fn a_diagnosed_plant_has_no_gap_left() {
+    for effect in [EffectId::SensorOffset, EffectId::PayloadMass] {
+        let folder = Folder::new(&format!("diagnose-again-{}", effect.id()));
+        let call = call(&folder, &of(effect), &["steps", "sines"]);
+        succeeded(&run(&folder, &call));
+        assert_eq!(diagnosis(&folder)["verdict"], "explained");
+        folder.write("nominal.toml", folder.read("out/augmented.toml"));
+        succeeded(&run(&folder, &call));
+        let again = diagnosis(&folder);
+        assert_eq!(again["verdict"], "no_gap", "{}: {}", effect.id(), again["ranking"]);
+        let [nominal, noise] =
+            ["nominal_rms_um", "noise_rms_um"].map(|key| again["gap"][key].as_f64().expect("an rms"));
+        assert!(nominal < 1.2 * noise, "{}: {}", effect.id(), again["gap"]);
+    }
+}
+
 /// Two effects are named from steps and sines, and nothing else is; `wanted` in alphabetical order.
 fn are_named(name: &str, case: &Case, wanted: [&str; 2]) -> Value {
     let folder = Folder::new(&format!("diagnose-{name}"));

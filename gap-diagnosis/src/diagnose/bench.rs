@@ -318,8 +318,10 @@ pub(super) fn factor(information: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
 pub struct Bench<'a> {
     /// The nominal model.
     pub model: &'a Model,
-    /// Its chain with an ideal sensor but for gain and offset: noise and quantisation are what residuals are made of.
+    /// Its chain with what of the sensor is predictable: noise and quantisation are what residuals are made of.
     pub chain: Chain,
+    /// The same without the effects that the model states, some of which are stated relative to its numbers.
+    pub bare: Chain,
     /// Its uncertain numbers, the mass left out.
     pub free: Vec<Free>,
     /// Relative standard deviation of the mass.
@@ -340,19 +342,11 @@ impl<'a> Bench<'a> {
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
-        let nominal = model.chain();
-        let sensor = Sensor {
-            noise_m: 0.0,
-            quantum_m: 0.0,
-            slow_noise_m: 0.0,
-            jitter_s: 0.0,
-            repeated_share: 0.0,
-            ..nominal.sensor.clone()
-        };
-        let parts = Parts { is_coarse: true, ..nominal.parts.clone() };
-        let chain = Chain { sensor, parts, ..nominal };
+        let mut bare = model.nominal_chain();
+        bare.parts.is_coarse = true;
+        let chain = with_stated_effects(model, bare.clone());
         let mut writable = model.clone();
-        let mut numbers = chain.clone();
+        let mut numbers = bare.clone();
         let free = Quantity::of(model)
             .into_iter()
             .map(|quantity| Free {
@@ -379,6 +373,7 @@ impl<'a> Bench<'a> {
         Self {
             model,
             chain,
+            bare,
             free,
             mass_sigma: model.structure.mass_kg.sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
             thinned,
@@ -582,10 +577,11 @@ impl<'a> Bench<'a> {
 
     /// The chain of log `index`.
     pub fn chain_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Chain {
-        let mut chain = self.chain.clone();
+        let mut chain = self.bare.clone();
         for (free, &z) in self.free.iter().zip(z) {
             *free.quantity.number(&mut chain) = free.at(z);
         }
+        let mut chain = with_stated_effects(self.model, chain);
         for (installed, values) in hypothesis.installed.iter().zip(self.values(hypothesis, z, index)) {
             (installed.form.install)(&mut chain, &values);
         }
@@ -667,6 +663,14 @@ fn thinned(log: &Log, least_hz: f64) -> Option<Thinned> {
         ..Log::default()
     };
     Some(Thinned { factor, log })
+}
+
+/// `chain` with the effects that `model` states, of the sensor only what is predictable.
+fn with_stated_effects(model: &Model, mut chain: Chain) -> Chain {
+    model.install_effects(&mut chain);
+    let sensor =
+        Sensor { noise_m: 0.0, quantum_m: 0.0, slow_noise_m: 0.0, jitter_s: 0.0, repeated_share: 0.0, ..chain.sensor };
+    Chain { sensor, ..chain }
 }
 
 /// The sensor's zero, if the plant's file says how well it is known: what lies within that is no gap.
