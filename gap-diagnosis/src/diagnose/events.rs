@@ -195,14 +195,14 @@ fn judged(lost: Lost, walks: Vec<Walked>) -> Option<Losses> {
 /// Whether the rows that begin a stretch are any rows of those whose loss would show: by how much they step, by where the plant is driven to, and by
 /// how far from the middle that is. What sticks stays where steps are small, and what lets go where the drive pulls.
 fn is_anywhere(walks: &[Walked]) -> bool {
-    let measures: [fn(&Visible) -> f64; 3] = [|row| row.step, |row| row.level, |row| row.level.abs()];
+    let measures: [fn(&Visible) -> f32; 3] = [|row| row.step, |row| row.level, |row| row.level.abs()];
     measures.into_iter().all(|measure| {
-        let mut visible: Vec<f64> = walks.iter().flat_map(|walk| walk.visible.iter().map(measure)).collect();
-        visible.sort_by(f64::total_cmp);
+        let mut visible: Vec<f32> = walks.iter().flat_map(|walk| walk.visible.iter().map(measure)).collect();
+        visible.sort_by(f32::total_cmp);
         let begins = |walk: &Walked, row: usize| walk.is_lost[row] && !walk.is_lost[row - 1];
-        let lost = walks.iter().flat_map(|walk| walk.visible.iter().filter(|visible| begins(walk, visible.row)));
+        let lost = walks.iter().flat_map(|walk| walk.visible.iter().filter(|visible| begins(walk, visible.row as usize)));
         // Of equals the one in the middle: levels of stairs are few.
-        let rank = |value: f64| {
+        let rank = |value: f32| {
             let [below, upto] =
                 [visible.partition_point(|other| *other < value), visible.partition_point(|other| *other <= value)];
             0.5 * (below + upto) as f64 / visible.len() as f64
@@ -214,13 +214,13 @@ fn is_anywhere(walks: &[Walked]) -> bool {
     })
 }
 
-/// A row whose loss would have shown.
+/// A row whose loss would have shown, as small as it may be: most of ten minutes' twelve million rows may be some.
 struct Visible {
-    row: usize,
+    row: u32,
     /// How far what it should have is from that of the row before.
-    step: f64,
+    step: f32,
     /// What it should have, from the log's mean on.
-    level: f64,
+    level: f32,
 }
 
 /// A search of one log.
@@ -331,6 +331,7 @@ impl Walk {
         let mean = self.given.iter().sum::<f64>() / rows.max(1) as f64;
         for _ in 0..PASSES {
             let found = self.shares.len();
+            self.visible = Vec::new();
             let scatter_m = TO_SIGMA * median_magnitude(self.left_m.clone());
             let unit2 = self.noise2.max(scatter_m * scatter_m);
             for from in (self.first..rows).step_by(BLOCK) {
@@ -338,9 +339,9 @@ impl Walk {
             }
             let alone = |k: usize| (self.shown(k, k) - self.given[k]).powi(2) * self.products_m2[0];
             let visible = |row: usize| Visible {
-                row,
-                step: (self.given[row] - self.given[row - 1]).abs(),
-                level: self.given[row] - mean,
+                row: row as u32,
+                step: (self.given[row] - self.given[row - 1]).abs() as f32,
+                level: (self.given[row] - mean) as f32,
             };
             self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(visible).collect();
             if self.shares.len() == found {
