@@ -10,6 +10,7 @@ mod page;
 mod page_browser;
 mod page_diagnosis;
 mod shared_data;
+mod stated_effects;
 mod tfest;
 mod tracking;
 mod tracking_table;

@@ -343,7 +343,8 @@ impl<'a> Bench<'a> {
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
         let mut bare = model.nominal_chain();
-        bare.parts.is_coarse = true;
+        // What the plant states it must replay; a bend that is followed coarsely leaves a gap of its own.
+        bare.parts.is_coarse = model.chain().parts.bends.is_empty();
         let chain = with_stated_effects(model, bare.clone());
         let mut writable = model.clone();
         let mut numbers = bare.clone();

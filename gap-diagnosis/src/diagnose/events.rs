@@ -200,7 +200,8 @@ fn is_anywhere(walks: &[Walked]) -> bool {
         let mut visible: Vec<f32> = walks.iter().flat_map(|walk| walk.visible.iter().map(measure)).collect();
         visible.sort_by(f32::total_cmp);
         let begins = |walk: &Walked, row: usize| walk.is_lost[row] && !walk.is_lost[row - 1];
-        let lost = walks.iter().flat_map(|walk| walk.visible.iter().filter(|visible| begins(walk, visible.row as usize)));
+        let lost =
+            walks.iter().flat_map(|walk| walk.visible.iter().filter(|visible| begins(walk, visible.row as usize)));
         // Of equals the one in the middle: levels of stairs are few.
         let rank = |value: f32| {
             let [below, upto] =

@@ -1,0 +1,67 @@
+//! A plant that states an effect, as `augmented.toml` does, diagnosed with logs of itself: there is no gap.
+
+use gap_diagnosis::diagnose::{Options, Verdict, diagnose};
+use plant_sim::effects::{Kind, REGISTRY, Role, Scales, sane};
+use plant_sim::experiment::{Program, Setup, open_loop};
+use plant_sim::log::Log;
+use plant_sim::model::Model;
+use plant_sim::param::Param;
+use plant_sim::replay::Start;
+use plant_sim::spec::Spec;
+use std::path::Path;
+
+/// Forms that are always asked, all predictable ones with HYSTERON_LONG=1: one whose number adds up with the plant's own, and one of the laws that
+/// searches follow coarsely.
+const ALWAYS: [(&str, &str); 2] = [("sensor_offset", "constant"), ("rate_dependent_hysteresis", "widening")];
+
+const SPECS: [&str; 3] = [
+    "hold:0V@0.02s+hold:40V@0.06s+hold:75V@0.06s+hold:-20V@0.06s+hold:-70V@0.06s+hold:10V@0.06s+hold:60V@0.06s+hold:-50V@0.06s",
+    "sine:70V@20Hz,for=0.15s+sine:40V@100Hz,for=0.1s+sine:80V@7Hz,for=0.3s",
+    "multisine:60V@10-500Hz,seed=3,periods=1",
+];
+const RATE_HZ: f64 = 1e4;
+const NOISE_UM: f64 = 0.02;
+
+/// What the plant's own sensor reads of a SPEC.
+fn log(model: &Model, name: &str, spec: &str, seed: u64) -> Log {
+    let chain = model.chain();
+    let program = Program::new(&Spec::parse(spec).expect("valid"), RATE_HZ).expect("playable");
+    let start = Start::relaxed(&chain);
+    let samples = program.samples().unwrap_or(5000);
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples, latency_s: 0.0, seed };
+    let made = open_loop(&setup, &program, &|_| ()).expect("runs");
+    let (command_v, displacement_m) = (made.command_v, made.displacement_m);
+    Log { name: name.into(), dt_s: made.dt_s, command_v, displacement_m, ..Log::default() }
+}
+
+#[test]
+fn what_a_plant_states_is_no_gap() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+    let mut nominal = Model::read(&path).expect("of the project");
+    nominal.sensor.noise_um = Some(Param { sigma: Some(0.1), ..Param::absolute(NOISE_UM, 0.0, "made") });
+    let plant = nominal.chain().plant;
+    let scales = Scales { plant: &plant, ..sane::EXAMPLE };
+    let is_long = std::env::var_os("HYSTERON_LONG").is_some();
+    let forms = REGISTRY.iter().flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)));
+    let is_asked = |id: &str, form: &str| is_long || ALWAYS.contains(&(id, form));
+    let mut asked = 0;
+    for (effect, form) in forms.filter(|(effect, form)| is_asked(effect.id(), form.name)) {
+        if form.kind != Kind::Predictable {
+            continue;
+        }
+        asked += 1;
+        let value = |role: &Role| match role {
+            Role::Amplitude(typical) => *typical,
+            Role::Shape(starts) | Role::Place(starts) => starts[0],
+        };
+        let parameters = (form.parameters)(&scales);
+        let values: Vec<Param> = parameters.iter().map(|p| Param::absolute(value(&p.role), 0.0, "typical")).collect();
+        let model = nominal.clone().with_effect(effect, form, &values);
+        let [steps, sines, held_out] = [0, 1, 2].map(|at| log(&model, &format!("log{at}"), SPECS[at], at as u64));
+        let found = diagnose(&model, &[steps, sines], &[held_out], &Options::default(), &|_, _| ()).expect("good logs");
+        let at = format!("{}, {}: {:?}, {:?}", effect.id(), form.name, found.effects, found.gap);
+        assert_eq!(found.verdict, Verdict::NoGap, "{at}");
+        assert!(found.gap.augmented_rms_um < 1.1 * NOISE_UM, "{at}");
+    }
+    assert!(asked >= ALWAYS.len());
+}
