@@ -170,10 +170,10 @@ impl Known {
         self.force_n.push(row.force_n.unwrap_or(0.0));
     }
 
-    /// Rows before `from` are no longer needed; they go once they are many, because what stays is moved.
+    /// Rows before `from` are no longer needed; they go once they are many, because what stays is moved. The last one stays: it is held at the log's end.
     fn forget(&mut self, from: usize) {
-        let old = from.saturating_sub(self.first);
-        if old > FORGET_ROWS.max(self.command_v.len() / 2) && old < self.command_v.len() {
+        let old = from.saturating_sub(self.first).min(self.command_v.len().saturating_sub(1));
+        if old > FORGET_ROWS.max(self.command_v.len() / 2) {
             self.command_v.drain(..old);
             self.force_n.drain(..old);
             self.first += old;
