@@ -3,7 +3,7 @@
 use crate::support::{Folder, PI1, PLANT, column, json, number, root, run, stderr, stdout, succeeded};
 use control_core::Limits;
 use plant_sim::controller::Controller;
-use plant_sim::effects::{Kind, REGISTRY, Role, Scales, sane};
+use plant_sim::effects::{Kind, REGISTRY, Scales, sane};
 use plant_sim::experiment::{Program, Recording, Setup, closed_loop};
 use plant_sim::log::{self, Hold, Log, ReadOptions};
 use plant_sim::model::Model;
@@ -284,12 +284,9 @@ fn a_replay_knows_every_effect_that_a_simulation_does() {
     let scales = Scales { plant: &plant, ..sane::EXAMPLE };
     for effect in REGISTRY {
         for form in effect.forms().iter().filter(|form| form.kind == Kind::Predictable) {
-            let parameters = (form.parameters)(&scales);
-            let values = parameters.iter().map(|parameter| match &parameter.role {
-                Role::Amplitude(typical) => Param::absolute(*typical, 0.0, "typical"),
-                Role::Shape(starts) | Role::Place(starts) => Param::absolute(starts[0], 0.0, "typical"),
-            });
-            let model = nominal.clone().with_effect(*effect, form, &values.collect::<Vec<_>>());
+            let values: Vec<Param> =
+                form.typical(&scales).iter().map(|value| Param::absolute(*value, 0.0, "typical")).collect();
+            let model = nominal.clone().with_effect(*effect, form, &values);
             model.write(&folder.path("plant.toml")).expect("room on the disk");
             let drive = "--command multisine:60V@10-500Hz,seed=3,periods=2 --rate 20000 --seconds 0.2";
             succeeded(&run(&folder, &format!("simulate --plant @/plant.toml {drive} --no-page --out @/l.csv")));

@@ -1,7 +1,7 @@
 //! A plant that states an effect, as `augmented.toml` does, diagnosed with logs of itself: there is no gap.
 
 use gap_diagnosis::diagnose::{Options, Verdict, diagnose};
-use plant_sim::effects::{Kind, REGISTRY, Role, Scales, sane};
+use plant_sim::effects::{Kind, REGISTRY, Scales, sane};
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::Log;
 use plant_sim::model::Model;
@@ -50,12 +50,8 @@ fn what_a_plant_states_is_no_gap() {
             continue;
         }
         asked += 1;
-        let value = |role: &Role| match role {
-            Role::Amplitude(typical) => *typical,
-            Role::Shape(starts) | Role::Place(starts) => starts[0],
-        };
-        let parameters = (form.parameters)(&scales);
-        let values: Vec<Param> = parameters.iter().map(|p| Param::absolute(value(&p.role), 0.0, "typical")).collect();
+        let values: Vec<Param> =
+            form.typical(&scales).iter().map(|value| Param::absolute(*value, 0.0, "typical")).collect();
         let model = nominal.clone().with_effect(effect, form, &values);
         let [steps, sines, held_out] = [0, 1, 2].map(|at| log(&model, &format!("log{at}"), SPECS[at], at as u64));
         let found = diagnose(&model, &[steps, sines], &[held_out], &Options::default(), &|_, _| ()).expect("good logs");

@@ -53,15 +53,6 @@ fn forms() -> impl Iterator<Item = (&'static dyn Effect, &'static Form)> {
     REGISTRY.iter().flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)))
 }
 
-/// One value per parameter: amplitudes as `amplitude` makes them, the first start of the others.
-fn values(parameters: &[Parameter], amplitude: fn(f64) -> f64) -> Vec<f64> {
-    let value = |p: &Parameter| match &p.role {
-        Role::Amplitude(typical) => amplitude(*typical),
-        Role::Shape(starts) | Role::Place(starts) => starts[0],
-    };
-    parameters.iter().map(value).collect()
-}
-
 fn with(chain: &Chain, form: &Form, values: &[f64]) -> Chain {
     let mut chain = chain.clone();
     (form.install)(&mut chain, values);
@@ -224,13 +215,15 @@ fn at_zero_amplitude_the_chain_behaves_as_before() {
     let nominal = thesis().chain();
     let before = readings_m(&nominal);
     for (effect, form) in forms() {
-        let parameters = (form.parameters)(&Scales { plant: &plant, ..sane::EXAMPLE });
-        let amplitudes = parameters.iter().filter(|p| matches!(p.role, Role::Amplitude(_))).count();
+        let scales = Scales { plant: &plant, ..sane::EXAMPLE };
+        let parameters = (form.parameters)(&scales);
+        let is_amplitude = |p: &Parameter| matches!(p.role, Role::Amplitude(_));
         // A limit has no amplitude: it acts or it doesn't.
-        if amplitudes == 0 || effect.id() == "amplifier_slew" {
+        if !parameters.iter().any(is_amplitude) || effect.id() == "amplifier_slew" {
             continue;
         }
-        let chain = with(&nominal, form, &values(&parameters, |_| 0.0));
+        let at_zero = parameters.iter().zip(form.typical(&scales)).map(|(p, v)| if is_amplitude(p) { 0.0 } else { v });
+        let chain = with(&nominal, form, &at_zero.collect::<Vec<_>>());
         let at = format!("{} {}", effect.id(), form.name);
         assert_eq!((chain.drive.lag, chain.sensor.lag), (None, None), "{at}");
         for k in -20..=20 {
@@ -251,13 +244,12 @@ fn at_typical_size_every_form_changes_the_chain_and_none_undoes_another() {
     let plant = thesis().chain().plant;
     let nominal = thesis().chain();
     let scales = Scales { plant: &plant, ..sane::EXAMPLE };
-    let typical = |form: &Form| values(&(form.parameters)(&scales), |typical| typical);
     for (effect, form) in forms() {
-        let alone = with(&nominal, form, &typical(form));
+        let alone = with(&nominal, form, &form.typical(&scales));
         assert_eq!(alone == nominal, form.kind == Kind::Start, "{} {}", effect.id(), form.name);
         for (other, other_form) in forms().filter(|(other, _)| other.id() != effect.id()) {
-            let before = with(&nominal, other_form, &typical(other_form));
-            let both = with(&before, form, &typical(form));
+            let before = with(&nominal, other_form, &other_form.typical(&scales));
+            let both = with(&before, form, &form.typical(&scales));
             assert_eq!(both == before, form.kind == Kind::Start, "{} on {}", effect.id(), other.id());
             let readings = (0..30).map(|k| both.drive.output_v(f64::from(k) * 4.0 - 60.0));
             assert!(readings.into_iter().all(f64::is_finite), "{} on {}", effect.id(), other.id());
@@ -291,7 +283,7 @@ fn model_files_carry_every_form_without_loss() {
     let hum = effects::find("mains_hum").expect("in the registry");
     for (effect, form) in forms() {
         for scales in rigs(&plant) {
-            let values = values(&(form.parameters)(&scales), |typical| typical);
+            let values = form.typical(&scales);
             let params: Vec<Param> = values.iter().map(|v| Param::absolute(*v, 0.1 * v.abs(), "a \"test\"")).collect();
             // Behind another one, so that order counts.
             let model = thesis().with_effect(hum, &hum.forms()[0], &[]).with_effect(effect, form, &params);

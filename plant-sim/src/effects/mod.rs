@@ -219,6 +219,15 @@ impl Form {
     ) -> Self {
         Self { name, kind: Kind::Predictable, parameters, install }
     }
+
+    /// Values of its parameters at typical size, shapes and places at the first of their starts.
+    pub fn typical(&self, scales: &Scales<'_>) -> Vec<f64> {
+        let value = |parameter: &Parameter| match &parameter.role {
+            Role::Amplitude(typical) => *typical,
+            Role::Shape(starts) | Role::Place(starts) => starts[0],
+        };
+        (self.parameters)(scales).iter().map(value).collect()
+    }
 }
 
 /// How a form shows in a log.
