@@ -197,28 +197,15 @@ fn a_plant_of_another_kind_is_served_and_its_diagnosis_refused_in_words() {
     page.mode("idle");
 }
 
-/// A link that a switch makes worse.
-struct Cut {
+/// A link that asks a test before it sends: whether the bytes go out.
+struct Asking<A> {
     link: InProcess,
-    /// 0 for a good link, 1 for none; else every so many frames to the board one is lost.
-    cut: Arc<AtomicU64>,
-    sent: u64,
+    goes_out: A,
 }
 
-fn cut(cut: &Arc<AtomicU64>) -> Open {
-    let cut = cut.clone();
-    Box::new(move || Ok(Box::new(Cut { link: InProcess::nucleo(), cut: cut.clone(), sent: 0 })))
-}
-
-impl Link for Cut {
+impl<A: FnMut() -> Result<bool, LinkError> + Send> Link for Asking<A> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.sent += 1;
-        match self.cut.load(Ordering::Relaxed) {
-            0 => self.link.send(bytes),
-            1 => Err(LinkError::Closed),
-            every if self.sent.is_multiple_of(every) => Ok(()),
-            _ => self.link.send(bytes),
-        }
+        if (self.goes_out)()? { self.link.send(bytes) } else { Ok(()) }
     }
 
     fn receive(&mut self, patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
@@ -232,38 +219,42 @@ impl Link for Cut {
     fn patience(&self) -> Duration {
         self.link.patience()
     }
+}
+
+/// A link that a switch makes worse: 0 for a good link, 1 for none; else every so many frames to the board one is lost.
+fn cut(switch: &Arc<AtomicU64>) -> Open {
+    let switch = switch.clone();
+    Box::new(move || {
+        let (switch, mut sent) = (switch.clone(), 0_u64);
+        let goes_out = move || {
+            sent += 1;
+            match switch.load(Ordering::Relaxed) {
+                0 => Ok(true),
+                1 => Err(LinkError::Closed),
+                every => Ok(!sent.is_multiple_of(every)),
+            }
+        };
+        Ok(Box::new(Asking { link: InProcess::nucleo(), goes_out }))
+    })
 }
 
 /// A link that hangs while a test holds its gate.
-struct Gated {
-    link: InProcess,
-    gate: Arc<Mutex<()>>,
-}
-
-impl Link for Gated {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        drop(self.gate.lock().unwrap_or_else(PoisonError::into_inner));
-        self.link.send(bytes)
-    }
-
-    fn receive(&mut self, patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
-        self.link.receive(patience, into)
-    }
-
-    fn now(&mut self) -> Duration {
-        self.link.now()
-    }
-
-    fn patience(&self) -> Duration {
-        self.link.patience()
-    }
+fn gated(gate: &Arc<Mutex<()>>) -> Open {
+    let gate = gate.clone();
+    Box::new(move || {
+        let gate = gate.clone();
+        let goes_out = move || {
+            drop(gate.lock().unwrap_or_else(PoisonError::into_inner));
+            Ok(true)
+        };
+        Ok(Box::new(Asking { link: InProcess::nucleo(), goes_out }))
+    })
 }
 
 #[test]
 fn an_engine_that_hangs_leaves_the_page_heard_and_its_orders_in_sequence() {
     let gate = Arc::new(Mutex::new(()));
-    let own = gate.clone();
-    let bench = start(Box::new(move || Ok(Box::new(Gated { link: InProcess::nucleo(), gate: own.clone() }))));
+    let bench = start(gated(&gate));
     let mut page = bench.page();
     page.order("take-control").expect("it is free");
     let shut = gate.lock().expect("nobody panicked");
