@@ -5,7 +5,7 @@ use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
 use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
-use super::refit::{come_home, nominal};
+use super::refit::come_home;
 use super::search::{Candidate, Search};
 use super::starts::reach;
 use super::symmetry::{Freed, directions};
@@ -116,10 +116,9 @@ pub(super) fn augment(
     let found = descend(&bench, &hypothesis, z, &AGAIN, f64::INFINITY, search.simulations);
     let search = Search { bench: &bench, ..*search };
     // What the numbers made up for has a name now: they need not go on from where that had bent them.
-    let mut home = nominal(&search);
-    let wrong = freed.iter().filter_map(|one| one.quantity);
-    let places = wrong.filter_map(|quantity| bench.free.iter().position(|free| free.quantity == quantity));
-    places.for_each(|place| home[place] = found.z[place]);
+    let is_wrong = |quantity| freed.iter().any(|one| one.quantity == Some(quantity));
+    let home: Vec<f64> =
+        bench.free.iter().zip(&found.z).map(|(free, z)| if is_wrong(free.quantity) { *z } else { 0.0 }).collect();
     let candidate = come_home(&search, search.candidate(hypothesis, found), &home);
     Augmented::by_fit(&search, candidate, freed, random)
 }

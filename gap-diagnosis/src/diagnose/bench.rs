@@ -2,6 +2,7 @@
 //! added to it. A vector of coordinates becomes one chain and one start for every log.
 
 use crate::identify::parameters::{Free, Quantity, Scale};
+use crate::identify::problem::Base;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plant_sim::chain::{Chain, Drive, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales, Scope};
@@ -320,8 +321,8 @@ pub struct Bench<'a> {
     pub model: &'a Model,
     /// Its chain with what of the sensor is predictable: noise and quantisation are what residuals are made of.
     pub chain: Chain,
-    /// The same without the effects that the model states, some of which are stated relative to its numbers.
-    pub bare: Chain,
+    /// What it is made of.
+    pub base: Base,
     /// Its uncertain numbers, the mass left out.
     pub free: Vec<Free>,
     /// Relative standard deviation of the mass.
@@ -342,12 +343,12 @@ impl<'a> Bench<'a> {
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
-        let mut bare = model.nominal_chain();
+        let mut base = Base { chain: model.nominal_chain(), effects: model.effects.clone() };
         // What the plant states it must replay; a bend that is followed coarsely leaves a gap of its own.
-        bare.parts.is_coarse = model.chain().parts.bends.is_empty();
-        let chain = with_stated_effects(model, bare.clone());
+        base.chain.parts.is_coarse = model.chain().parts.bends.is_empty();
+        let chain = predictable(base.at(&[], &[]));
         let mut writable = model.clone();
-        let mut numbers = bare.clone();
+        let mut numbers = base.chain.clone();
         let free = Quantity::of(model)
             .into_iter()
             .map(|quantity| Free {
@@ -374,7 +375,7 @@ impl<'a> Bench<'a> {
         Self {
             model,
             chain,
-            bare,
+            base,
             free,
             mass_sigma: model.structure.mass_kg.sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
             thinned,
@@ -578,11 +579,7 @@ impl<'a> Bench<'a> {
 
     /// The chain of log `index`.
     pub fn chain_at(&self, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Chain {
-        let mut chain = self.bare.clone();
-        for (free, &z) in self.free.iter().zip(z) {
-            *free.quantity.number(&mut chain) = free.at(z);
-        }
-        let mut chain = with_stated_effects(self.model, chain);
+        let mut chain = predictable(self.base.at(&self.free, z));
         for (installed, values) in hypothesis.installed.iter().zip(self.values(hypothesis, z, index)) {
             (installed.form.install)(&mut chain, &values);
         }
@@ -666,9 +663,8 @@ fn thinned(log: &Log, least_hz: f64) -> Option<Thinned> {
     Some(Thinned { factor, log })
 }
 
-/// `chain` with the effects that `model` states, of the sensor only what is predictable.
-fn with_stated_effects(model: &Model, mut chain: Chain) -> Chain {
-    model.install_effects(&mut chain);
+/// `chain`, and of its sensor only what is predictable.
+fn predictable(chain: Chain) -> Chain {
     let sensor =
         Sensor { noise_m: 0.0, quantum_m: 0.0, slow_noise_m: 0.0, jitter_s: 0.0, repeated_share: 0.0, ..chain.sensor };
     Chain { sensor, ..chain }

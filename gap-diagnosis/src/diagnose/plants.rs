@@ -158,7 +158,7 @@ fn scored_rows(held: &Bench<'_>) -> f64 {
 
 fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
     let mut bench = Bench::new(model, records);
-    [&mut bench.chain, &mut bench.bare].into_iter().for_each(|chain| chain.parts.is_coarse = false);
+    [&mut bench.chain, &mut bench.base.chain].into_iter().for_each(|chain| chain.parts.is_coarse = false);
     bench
 }
 

@@ -16,7 +16,6 @@ mod search;
 pub mod tfest;
 
 use crate::residual::{Autocorrelation, aic_bic};
-use nalgebra::DVector;
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
 use plant_sim::model::{Kind, Model};
@@ -344,22 +343,22 @@ pub fn fit_start(
     let records = [search::record(log, run_in, initial, offset_free)];
     let records = search::shortened(&chain, &records);
     let base = problem::Base { chain, effects: Vec::new() };
-    let origin = search::origin(&base, &records, &[], &simulations);
-    let best_from = |mut z: DVector<f64>| {
-        let problem = problem::Problem::new(&records, &[], &base, &simulations, z.clone());
-        problem.set_displacement(&mut z, 0);
-        search::descend(problem::Problem::new(&records, &[], &base, &simulations, z), search::FINE)
-    };
-    let mut best = best_from(origin);
+    let problem = |z| problem::Problem::new(&records, &[], &base, &simulations, z);
+    let found_from = |z| search::descend(problem(z).begun_at_first_row(0), search::COARSE);
+    let mut best = found_from(search::origin(&base, &records, &[], &simulations));
     // A hysteron's memory moves nothing until an edge is met: each is tried on either side as well, beside the best of the others.
     for (place, side) in best.places_of_hysterons(0).flat_map(|place| [(place, -AWAY), (place, AWAY)]) {
+        if search::at_noise(&records, &best) {
+            break;
+        }
         let mut z = best.coordinates_now().clone();
         z[place] = side;
-        let found = best_from(z);
+        let found = found_from(z);
         if found.cost() < best.cost() {
             best = found;
         }
     }
+    let best = search::descend(best, search::FINE);
     let (offset_m, start) = best.own_start(0);
     Ok((start, offset_m))
 }

@@ -53,9 +53,9 @@ pub struct Base {
 
 impl Base {
     /// The whole chain, its free numbers at coordinates `z`.
-    pub fn at(&self, free: &[Free], z: &DVector<f64>) -> Chain {
+    pub fn at(&self, free: &[Free], z: &[f64]) -> Chain {
         let mut chain = self.chain.clone();
-        for (free, &z) in free.iter().zip(z.iter()) {
+        for (free, &z) in free.iter().zip(z) {
             *free.quantity.number(&mut chain) = free.at(z);
         }
         self.effects.iter().for_each(|effect| effect.install(&mut chain));
@@ -64,7 +64,7 @@ impl Base {
 
     /// Hysterons of the whole chain.
     pub fn hysterons(&self) -> usize {
-        self.at(&[], &DVector::zeros(0)).plant.hysterons.len()
+        self.at(&[], &[]).plant.hysterons.len()
     }
 }
 
@@ -116,7 +116,7 @@ impl<'a> Problem<'a> {
 
     /// The chain at coordinates `z`.
     pub fn chain(&self, z: &DVector<f64>) -> Chain {
-        self.base.at(self.free, z)
+        self.base.at(self.free, z.as_slice())
     }
 
     /// Where the coordinates of log `index` begin.
@@ -134,20 +134,22 @@ impl<'a> Problem<'a> {
         z[self.own(index)] += offset_m / self.offset_unit_m;
     }
 
-    /// Moves a start of log `index` that is free in `z` to where the first row reads it, hysterons as they are.
-    pub fn set_displacement(&self, z: &mut DVector<f64>, index: usize) {
+    /// The same with a start of log `index` that is free moved to where the first row reads it, hysterons as they are.
+    pub fn begun_at_first_row(mut self, index: usize) -> Self {
         let record = &self.records[index];
         if record.start.initial != Initial::Fit {
-            return;
+            return self;
         }
-        let place = self.places_of_hysterons(index).end;
+        let (place, mut z) = (self.places_of_hysterons(index).end, self.z.clone());
         z[place] = 0.0;
-        let chain = self.chain(z);
+        let chain = self.chain(&z);
         let sensor = &chain.sensor;
         let offset_m = sensor.offset_m + self.offset_unit_m * z[self.own(index)];
         let displacement_m = (record.log.displacement_m[0] - offset_m) / sensor.gain;
         let equilibrium_m = record.start.at(&chain, &z.as_slice()[self.own(index) + 1..]).state.displacement_m;
         z[place] = (displacement_m - equilibrium_m) / record.start.travel_m(&chain);
+        self.set_params(&z);
+        self
     }
 
     /// Residuals of the data rows in the records' units.

@@ -40,7 +40,7 @@ const LEAST_ROWS: usize = 1500;
 /// Floor of a log's noise, metres: a noise-free simulation still has rounding.
 const LEAST_NOISE_M: f64 = 1e-12;
 /// Relative change of cost and coordinates at which a descent ends: among the starts, and for the one that is kept.
-const COARSE: f64 = 1e-5;
+pub(super) const COARSE: f64 = 1e-5;
 pub(super) const FINE: f64 = 1e-7;
 /// Relative change of a residual's unit below which the fit would not move with it.
 const SETTLED: f64 = 0.05;
@@ -343,7 +343,7 @@ pub(super) fn descend(problem: Problem<'_>, tolerance: f64) -> Problem<'_> {
 }
 
 /// Whether nothing but noise is left: no other start could do better.
-fn at_noise(records: &[Record<'_>], problem: &Problem<'_>) -> bool {
+pub(super) fn at_noise(records: &[Record<'_>], problem: &Problem<'_>) -> bool {
     records.iter().enumerate().all(|(i, record)| rms(problem.residual_m(i)) < AT_NOISE * record.noise_m)
 }
 
