@@ -3,6 +3,7 @@
 
 use crate::project::{Outcome, Project, watch};
 use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
 use std::f64::consts::TAU;
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -41,6 +42,10 @@ stiffness_ratio = { value = 0.02, source = "typical" }
 time_constant_s = { value = 1.0, source = "typical" }
 "#;
 
+/// Its numbers, and how many sigma off the found ones may be.
+const CREEPS: [(&str, f64); 2] = [("stiffness_ratio", 0.02), ("time_constant_s", 1.0)];
+const MOST_SIGMAS: f64 = 4.0;
+
 /// Static gain alpha/k of the thesis' plant (table 2.1): rough numbers are enough, this task judges memory and not the fit.
 const GAIN_UM_PER_V: f64 = 1.884;
 
@@ -69,7 +74,7 @@ pub fn replay(project: &Project) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
-/// Ten minutes of a bench that creeps, 12 million rows, diagnosed: the verdict is a matter of other tests.
+/// Ten minutes of a bench that creeps, 12 million rows, diagnosed: in bounded memory, and its numbers are what they are.
 pub fn diagnose(project: &Project) -> Result<Outcome> {
     let program = project.release_binary()?;
     let folder = Folder::new(&project.root.join("target/long-diagnosis"))?;
@@ -92,7 +97,28 @@ pub fn diagnose(project: &Project) -> Result<Outcome> {
     if peak_kb > DIAGNOSIS_LIMIT_KB {
         bail!("the diagnosis held {peak_kb} kB, more than {DIAGNOSIS_LIMIT_KB} kB");
     }
+    check_creep(&out.join("diagnosis.json"))?;
     Ok(Outcome::Passed)
+}
+
+/// Whether creep alone is named, and its numbers lie as near the bench's as their sigma says.
+fn check_creep(path: &Path) -> Result<()> {
+    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+    let found: Value = serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?;
+    if found["effects"] != json!(["creep"]) {
+        bail!("named {}, and the bench creeps", found["effects"]);
+    }
+    for (name, true_value) in CREEPS {
+        let mut all = found["parameters"].as_array().into_iter().flatten();
+        let one = all.find(|one| one["name"] == name).with_context(|| format!("{name} is not in the answer"))?;
+        let [value, sigma] = ["value", "sigma"].map(|key| one[key].as_f64().unwrap_or(f64::NAN));
+        let sigmas = (value - true_value) / sigma;
+        println!("{name}: {value:.6} +- {sigma:.6}, {sigmas:+.1} sigma off");
+        if sigmas.is_nan() || sigmas.abs() > MOST_SIGMAS {
+            bail!("{name} is {true_value} and lies {sigmas:+.1} sigma from what was found");
+        }
+    }
+    Ok(())
 }
 
 /// Runs `command` and prints how long it took and the most memory it held, which it returns in kB.

@@ -21,6 +21,8 @@ const MIDDLING: f64 = 2e-4;
 const NOT_NEAR: f64 = 1.15;
 const ROUGH: f64 = 2e-3;
 const FAR: f64 = 2.0;
+/// Most that the last step at the noise gains, as chi-square: of a long log a small share of the cost is many sigma.
+const LITTLE: f64 = 1.0;
 /// Share of its prior's width that a start has before the last stage.
 const HELD: f64 = 0.02;
 /// Coordinates by which a shape may be off its start before the last stage.
@@ -95,7 +97,7 @@ pub fn descend(
             }
             (normal, carried) = taken(&z, sensitivities);
         }
-        let (steps, tolerance) = if last { (LAST_STEPS, FINE) } else { (STEPS, COARSE) };
+        let steps = if last { LAST_STEPS } else { STEPS };
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
         let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules, &start) };
@@ -115,12 +117,13 @@ pub fn descend(
             };
             z = step.z;
             let gained = before - step.cost;
-            let tolerance = match last {
-                true if is_beyond(&step.there, FAR) => ROUGH,
-                true if is_beyond(&step.there, NOT_NEAR) => MIDDLING,
-                _ => tolerance,
+            let little = match last {
+                true if is_beyond(&step.there, FAR) => before * ROUGH,
+                true if is_beyond(&step.there, NOT_NEAR) => before * MIDDLING,
+                true => (before * FINE).min(LITTLE),
+                false => before * COARSE,
             };
-            let gains_little = gained <= before * tolerance;
+            let gains_little = gained <= little;
             let is_over = gains_little && (carried == 0 || !last);
             // Nothing ends on sensitivities that were carried on.
             let is_last_step = last && number + 1 == steps;
