@@ -9,7 +9,7 @@ use super::gap::{Gap, Left, LeftWith, ShareOf, Three, expected, gap, shares};
 use super::judge::Course;
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
-use super::random::{Random, beyond_stated, lost, repeated, size_of_scatter};
+use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, size_of_scatter};
 use super::refit::{has_gap, refitted};
 use super::screen::Lead;
 use super::search::Search;
@@ -204,7 +204,7 @@ pub(super) fn answer(
     // Noise beyond what is stated is none that a fit leaves: the rows' own noise has it.
     let left_with = LeftWith::of(random.first().or(never_arrived.as_ref()));
     let is_all_there = never_arrived.is_none();
-    let beyond = never_arrived.or(unseen.filter(is_new));
+    let beyond = never_arrived.and_then(|lost| more_than_stated(lost, bench.model)).or(unseen.filter(is_new));
     if let Some(noise) = &beyond {
         verdict = Verdict::Explained;
         random.push(noise.clone());

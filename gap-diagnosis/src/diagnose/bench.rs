@@ -26,6 +26,8 @@ const ROWS_PER_PERIOD: f64 = 6.0;
 /// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
 const LOG_STEP: f64 = 0.7;
 const FREQUENCY_STEP: f64 = 0.04;
+/// Least share of a noise's power that is not stated to scatter: where a plant's file states no noise the rest is not known.
+const STILL_SHARE: f64 = 0.01;
 /// Information that numbers get which rounding can't tell from one another, in shares of their own.
 const ALIKE: f64 = 1e-8;
 
@@ -38,6 +40,8 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
+    /// Rms in metres of what the plant states to scatter in this log beside its sensor's white noise: slow noise, errors of the instants.
+    pub scatter_m: f64,
     /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
@@ -55,6 +59,12 @@ impl Record<'_> {
     /// The same log with all of its rows fitted.
     pub fn whole(self) -> Self {
         Self { held_stretch: None, ..self }
+    }
+
+    /// Rms of the noise in metres without what the plant states to scatter.
+    pub fn still_m(&self) -> f64 {
+        let others_m2 = self.noise_m.powi(2) - self.scatter_m.powi(2);
+        others_m2.max(STILL_SHARE * self.noise_m.powi(2)).sqrt()
     }
 
     /// Whether row `k` is kept from the fits.
@@ -405,6 +415,11 @@ impl<'a> Bench<'a> {
             sample_s: longest(&|log| log.dt_s),
             longest_s: longest(&|log| log.len() as f64 * log.dt_s),
         }
+    }
+
+    /// Rms error of the sampling instants that the plant states, in seconds.
+    pub fn stated_jitter_s(&self) -> f64 {
+        self.model.chain().sensor.jitter_s
     }
 
     /// Whether a log tells drive from actuator.

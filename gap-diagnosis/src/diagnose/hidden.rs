@@ -4,7 +4,7 @@ use super::bench::Bench;
 use super::explanation::Explanation;
 use super::fits::Fits;
 use super::judge::RESOLVED;
-use super::octaves::{Octave, octaves_beside, octaves_of, shown};
+use super::octaves::{Octave, octaves_beside, shown};
 use super::search::{Candidate, Remainder, cheaper};
 use plant_sim::effects::Effect;
 
@@ -25,7 +25,7 @@ impl Quiet {
     /// Beside `scatter`, whose `remainders` these are.
     pub fn beside(bench: &Bench<'_>, scatter: &Explanation, remainders: &[Remainder]) -> Option<Self> {
         let (effect, ..) = scatter.scatter?;
-        let jitter_s = scatter.jitter_s();
+        let jitter_s = scatter.jitter_s().hypot(bench.stated_jitter_s());
         Some(Self { effect, jitter_s, octaves: octaves_beside(bench, remainders, jitter_s) })
     }
 
@@ -53,7 +53,8 @@ impl Quiet {
 /// has shown, and fits of what that has not.
 pub(super) fn below_noise(fits: &Fits<'_>) -> Option<(Candidate, Vec<(Candidate, f64)>)> {
     let search = fits.search;
-    let octaves = |fit: &Candidate| octaves_of(search.bench, &search.play(fit));
+    let jitter_s = search.bench.stated_jitter_s();
+    let octaves = |fit: &Candidate| octaves_beside(search.bench, &search.play(fit), jitter_s);
     let has_lattice = search.bench.records.iter().any(|record| record.lattice_m > 0.0);
     let is_told = |fit: &Candidate| !(has_lattice && fit.hypothesis.ids().contains(&OF_LATTICE));
     let with_octaves = |fit: Candidate| {

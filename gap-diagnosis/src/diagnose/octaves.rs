@@ -56,8 +56,9 @@ pub(super) fn octaves_of(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<Oct
 pub(super) fn octaves_beside(bench: &Bench<'_>, remainders: &[Remainder], jitter_s: f64) -> Vec<Octave> {
     let of_log = |(log, (record, left)): (usize, (&Record<'_>, &Remainder))| {
         let mut residual_m = without_lost(record, left);
+        let still_m = record.still_m();
         for (residual_m, v) in residual_m.iter_mut().zip(&left.velocity_m_per_s[record.run_in..]) {
-            *residual_m /= (jitter_s * v / record.noise_m).hypot(1.0);
+            *residual_m /= (jitter_s * v / still_m).hypot(1.0);
         }
         octaves(log, &residual_m, record.log.dt_s)
     };

@@ -7,11 +7,12 @@ use super::bench::Bench;
 use super::events::{Losses, Lost};
 use super::spread::Scattered;
 use plant_sim::effects::{Effect, Form, Role, find};
-use plant_sim::model::Model;
+use plant_sim::model::{EffectSection, Model};
+use plant_sim::param::Param;
 
-/// The measured floor counts as more than stated beyond this many of the statement's sigma, ..
+/// What is measured counts as more than stated beyond this many of the statement's sigma, ..
 const SIGMAS: f64 = 4.0;
-/// .. and beyond this share of it, whatever sigma is claimed.
+/// .. and noise beyond this share of it, whatever sigma is claimed.
 const LEAST_SHARE: f64 = 0.25;
 /// A lattice that makes more than this share of the excess is what there is.
 const LATTICE_SHARE: f64 = 0.5;
@@ -39,14 +40,14 @@ pub(super) struct Random {
 pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) -> Option<Random> {
     let stated = model.sensor.noise_um.as_ref().filter(|noise| noise.value > 0.0)?;
     let stated_m = stated.value * 1e-6;
-    // What a plant that has the effect already says of it is stated too.
-    let known_m = bench.model.chain().sensor;
-    let known2 = known_m.noise_m.powi(2) + known_m.slow_noise_m.powi(2);
-    let stated2 = stated_m.powi(2).max(known2) + known_m.quantum_m.powi(2) / 12.0;
     let mean = |of: &dyn Fn(&super::bench::Record<'_>) -> f64| {
         let rows: usize = bench.records.iter().map(|r| r.log.len()).sum();
         bench.records.iter().map(|r| of(r) * r.log.len() as f64).sum::<f64>() / rows.max(1) as f64
     };
+    // What a plant that has the effect already says of it is stated too.
+    let known_m = bench.model.chain().sensor;
+    let white2 = stated_m.powi(2).max(known_m.noise_m.powi(2));
+    let stated2 = white2 + mean(&|r| r.scatter_m * r.scatter_m) + known_m.quantum_m.powi(2) / 12.0;
     let measured2 = mean(&|r| r.noise_m * r.noise_m);
     let allowed = 1.0 + (SIGMAS * stated.relative_sigma()).max(LEAST_SHARE);
     let excess2 = measured2 - stated2;
@@ -88,6 +89,20 @@ pub(super) fn lost(losses: &Losses) -> Option<Random> {
         Lost::Readings => "repeated",
     };
     random("lost_samples", form, vec![losses.share], vec![losses.sigma], losses.power_m2)
+}
+
+/// What of `lost` the plant does not state already, if that is more than its sigma, and the statement's, leave open.
+pub(super) fn more_than_stated(lost: Random, model: &Model) -> Option<Random> {
+    let is_same = |stated: &&EffectSection| stated.id == lost.effect.id() && stated.form == lost.form.name;
+    let stated: Vec<&Param> =
+        model.effects.iter().filter(is_same).filter_map(|stated| stated.parameters.get("share")).collect();
+    let (&[share], &[sigma], false) = (&lost.values[..], &lost.sigmas[..], stated.is_empty()) else {
+        return Some(lost);
+    };
+    let more = share - stated.iter().map(|stated| stated.value).sum::<f64>();
+    let sigma = stated.iter().map(|stated| stated.value * stated.relative_sigma()).fold(sigma, f64::hypot);
+    let power_m2 = lost.power_m2 * more / share;
+    (more > SIGMAS * sigma).then(|| Random { values: vec![more], sigmas: vec![sigma], power_m2, ..lost })
 }
 
 /// What was read from scatter, with the power that it accounts for.

@@ -2,9 +2,10 @@
 
 use super::bench::{Record, extremes};
 use crate::residual::noise_rms;
-use plant_sim::chain::Chain;
+use plant_sim::chain::{Chain, Sensor};
 use plant_sim::log::Log;
 use plant_sim::param::Param;
+use plant_sim::replay::{Reader, Start};
 
 /// Floor of the noise in metres: of less no sensor is capable, and two integrators of the same plant differ by as much.
 const LEAST_NOISE_M: f64 = 1e-10;
@@ -41,19 +42,39 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     // A lattice coarser than the noise hides it from differences; its own rounding is noise enough.
     let noise_m = if lattice_m > smooth_m { smooth_m.max(lattice_m / 12f64.sqrt()) } else { smooth_m };
     let lattice_m = if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 };
+    let before_v = before(log, chain);
     Record {
         log,
         run_in,
         noise_m: noise_m.max(LEAST_NOISE_M),
+        scatter_m: scatter_m(log, chain, before_v[0]),
         lattice_m,
         is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m, noise_m.max(LEAST_NOISE_M)) },
-        before_v: before(log, chain),
+        before_v,
         held_stretch: Some(((log.len() - run_in) / STRETCHES).max(16)),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
             let [low, high] = extremes(drive_v.iter().copied());
             noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
         }),
     }
+}
+
+/// Rms in metres of what `chain` states to scatter in `log` beside white noise: differences of readings show none that is slow, and of errors of the
+/// instants what the log's fastest rows have, or its slowest.
+fn scatter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
+    let Sensor { slow_noise_m, jitter_s, .. } = chain.sensor;
+    if jitter_s == 0.0 {
+        return slow_noise_m;
+    }
+    let start = Start::at_rest(chain, before_v, vec![0.0; chain.plant.hysterons.len()]);
+    let mut reader = Reader::new(chain, log, &start);
+    let mut squares = 0.0;
+    for _ in 0..log.len() {
+        reader.next_m();
+        squares += reader.stream.motion.1.powi(2);
+    }
+    let scatter_m = slow_noise_m.hypot(jitter_s * (squares / log.len() as f64).sqrt());
+    if scatter_m.is_finite() { scatter_m } else { slow_noise_m }
 }
 
 /// Rows that repeat the one before, if there are too many for chance: noise takes a reading back to where it was once in a while, the
@@ -85,7 +106,7 @@ fn lost(readings_m: &[f64], noise_m: f64) -> Vec<bool> {
 }
 
 /// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise. Where the
-/// plant's file states a little more than the differences show, the noise is coloured and the file is right.
+/// plant's file states a little more than the differences show, the noise is coloured and the file is right. What the plant states to scatter is noise.
 pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
     let mut all: Vec<f64> = records.iter().map(|r| r.noise_m).collect();
     all.sort_by(f64::total_cmp);
@@ -96,7 +117,7 @@ pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
         if stated_m < most * median_m { stated_m } else { 0.0 }
     });
     for record in records {
-        record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m);
+        record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m.hypot(record.scatter_m));
     }
 }
 

@@ -96,6 +96,9 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
     let count = rows.max(1) as f64;
     let (slope, slope_sigma, foot) = slope(&mut by_velocity);
     let mean_v2 = by_velocity.iter().map(|p| p.0).sum::<f64>() / by_velocity.len().max(1) as f64;
+    // What the plant states of its instants is no news.
+    let stated = bench.stated_jitter_s().powi(2);
+    let (slope, foot) = (slope - stated, foot + stated * mean_v2);
     let (multiplied, _, _) = self::slope(&mut by_displacement);
     let mean_y2 = by_displacement.iter().map(|p| p.0).sum::<f64>() / by_displacement.len().max(1) as f64;
     let mean = stretches.iter().sum::<f64>() / stretches.len().max(1) as f64;
