@@ -12,10 +12,11 @@ use std::path::Path;
 
 /// Forms that are always asked, all but a start with HYSTERON_LONG=1: one whose number adds up with the plant's own, one of the laws that searches follow
 /// coarsely, and what no simulation predicts.
-const ALWAYS: [(&str, &str); 5] = [
+const ALWAYS: [(&str, &str); 6] = [
     ("sensor_offset", "constant"),
     ("rate_dependent_hysteresis", "widening"),
     ("noise_excess", "coloured"),
+    ("quantisation", "converter-in"),
     ("lost_samples", "repeated"),
     ("sampling_jitter", "white"),
 ];

@@ -40,7 +40,7 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
-    /// Rms in metres of what the plant states to scatter in this log beside its sensor's white noise: slow noise, errors of the instants.
+    /// Rms in metres of what the plant states to scatter in this log beside its sensor's white noise: slow noise, rounding, errors of the instants.
     pub scatter_m: f64,
     /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
     pub lattice_m: f64,

@@ -45,9 +45,8 @@ pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) 
         bench.records.iter().map(|r| of(r) * r.log.len() as f64).sum::<f64>() / rows.max(1) as f64
     };
     // What a plant that has the effect already says of it is stated too.
-    let known_m = bench.model.chain().sensor;
-    let white2 = stated_m.powi(2).max(known_m.noise_m.powi(2));
-    let stated2 = white2 + mean(&|r| r.scatter_m * r.scatter_m) + known_m.quantum_m.powi(2) / 12.0;
+    let white_m = stated_m.max(bench.model.chain().sensor.noise_m);
+    let stated2 = white_m.powi(2) + mean(&|r| r.scatter_m * r.scatter_m);
     let measured2 = mean(&|r| r.noise_m * r.noise_m);
     let allowed = 1.0 + (SIGMAS * stated.relative_sigma()).max(LEAST_SHARE);
     let excess2 = measured2 - stated2;

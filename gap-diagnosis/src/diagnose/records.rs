@@ -59,12 +59,13 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     }
 }
 
-/// Rms in metres of what `chain` states to scatter in `log` beside white noise: differences of readings show none that is slow, and of errors of the
-/// instants what the log's fastest rows have, or its slowest.
+/// Rms in metres of what `chain` states to scatter in `log` beside white noise: differences of readings show none that is slow, and of rounding and of
+/// errors of the instants what some rows have.
 fn scatter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
-    let Sensor { slow_noise_m, jitter_s, .. } = chain.sensor;
+    let Sensor { slow_noise_m, quantum_m, jitter_s, .. } = chain.sensor;
+    let anywhere_m = slow_noise_m.hypot(quantum_m / 12f64.sqrt());
     if jitter_s == 0.0 {
-        return slow_noise_m;
+        return anywhere_m;
     }
     let start = Start::at_rest(chain, before_v, vec![0.0; chain.plant.hysterons.len()]);
     let mut reader = Reader::new(chain, log, &start);
@@ -73,8 +74,8 @@ fn scatter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
         reader.next_m();
         squares += reader.stream.motion.1.powi(2);
     }
-    let scatter_m = slow_noise_m.hypot(jitter_s * (squares / log.len() as f64).sqrt());
-    if scatter_m.is_finite() { scatter_m } else { slow_noise_m }
+    let scatter_m = anywhere_m.hypot(jitter_s * (squares / log.len() as f64).sqrt());
+    if scatter_m.is_finite() { scatter_m } else { anywhere_m }
 }
 
 /// Rows that repeat the one before, if there are too many for chance: noise takes a reading back to where it was once in a while, the
