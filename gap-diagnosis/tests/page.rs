@@ -56,7 +56,7 @@ fn simulation_page_closed_and_open_loop() {
         displacement_um: &values,
         command_v: &values,
         error_um: None,
-        metrics: &[("rise".to_owned(), "43.94 ms".to_owned())],
+        metrics: &[("rise".to_owned(), "43.94 ms".to_owned()), ("peak".to_owned(), "89.66 um".to_owned())],
         warnings: &["limited".to_owned()],
         provenance: &["hysteron simulate --seed 7".to_owned()],
     };
@@ -65,6 +65,7 @@ fn simulation_page_closed_and_open_loop() {
     for text in [
         "It follows.",
         "43.94 ms",
+        "89.66 µm",
         "limited",
         "hysteron simulate --seed 7",
         "displacement, µm",

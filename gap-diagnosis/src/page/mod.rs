@@ -109,14 +109,17 @@ impl Page {
         self.html(format!("<p class=\"text\">{}</p>\n", escape(text)))
     }
 
-    /// The numbers that matter, as cards: label and value with unit.
+    /// The numbers that matter, as cards: label and value with unit. A terminal's `um` is a page's `µm`.
     pub fn facts(&mut self, facts: &[(String, String)]) -> &mut Self {
         if facts.is_empty() {
             return self;
         }
         let cards: String = facts
             .iter()
-            .map(|(label, value)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(label), escape(value)))
+            .map(|(label, value)| {
+                let value = value.strip_suffix(" um").map_or_else(|| value.clone(), |number| format!("{number} µm"));
+                format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(label), escape(&value))
+            })
             .collect();
         self.html(format!("<dl class=\"facts\">{cards}</dl>\n"))
     }
