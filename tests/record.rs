@@ -250,6 +250,10 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
     folder.write("full/keep.txt", "somebody's");
     folder.write("plain.txt", "no port");
     folder.write("pi1.toml", "");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    let away =
+        "[initial_state]\ndisplacement_um = 130.0\nvelocity_um_per_s = 0.0\nhysteron_V = [0.0, 0.0]\ndrive_V = 0.0\n";
+    folder.write("away.toml", format!("{plant}\n{away}"));
     let good = call("--spec sine:60V@10Hz/0.1s", "run");
     let closed = call("--spec step:40um@0.1s", "run");
     let at = |board: &str| format!("record --board {board} --spec sine:60V@10Hz/0.1s --out @/run");
@@ -285,6 +289,8 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (call("--spec hold:4V@1s,shaped", "run"), 2, "`,shaped` is not played by a board"),
         (call("--spec multisine:4V@1-100Hz", "run"), 2, "a board holds 4096"),
         (call("--spec hold:70V@0.1s", "run"), 2, "hold:70V@0.1s: it would take the stage to 136 um, and the [rig]"),
+        // A run begins where the plant's file says.
+        (good.replace(PLANT, "@/away.toml"), 2, "it would take the stage to 126 um"),
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
         (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
         (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),

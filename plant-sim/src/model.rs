@@ -14,6 +14,7 @@ use crate::chain::{Chain, Drive, MAX_HYSTERONS, Sensor};
 use crate::effects::{Effect, Form};
 use crate::param::Param;
 use crate::phs::{Hysteron, Phs, PhsState};
+use crate::replay::Start;
 use crate::toml_file::{self, FileError};
 use control_core::Settings;
 use serde::{Deserialize, Serialize};
@@ -379,18 +380,18 @@ impl Model {
         }
     }
 
-    /// The stated state at the start and the drive held before it, if the file states one.
-    pub fn stated_start(&self) -> Option<(PhsState, f64)> {
-        self.initial_state.as_ref().map(|s| {
-            let mut hysteron_v = s.hysteron_v.clone();
-            hysteron_v.resize(self.chain().plant.hysterons.len(), 0.0);
-            let state = PhsState {
-                displacement_m: s.displacement_um * MICRO,
-                velocity_m_per_s: s.velocity_um_per_s * MICRO,
-                hysteron_v,
-            };
-            (state, s.drive_v)
-        })
+    /// What a run begins with: the state that the file states and the drive held before it; everything zero where it states none.
+    pub fn start(&self) -> Start {
+        let relaxed = Start::relaxed(&self.chain());
+        let Some(stated) = &self.initial_state else { return relaxed };
+        let mut hysteron_v = stated.hysteron_v.clone();
+        hysteron_v.resize(relaxed.state.hysteron_v.len(), 0.0);
+        let state = PhsState {
+            displacement_m: stated.displacement_um * MICRO,
+            velocity_m_per_s: stated.velocity_um_per_s * MICRO,
+            hysteron_v,
+        };
+        Start { state, drive_v: stated.drive_v, ..relaxed }
     }
 
     /// Every record with its key, its bounds of sense (positive, or not negative, or any) and its bounds of plausibility in SI.

@@ -314,10 +314,10 @@ fn a_stated_start_may_leave_the_hysterons_of_effects_out() {
     let mut start =
         InitialStateSection { displacement_um: 0.0, velocity_um_per_s: 0.0, hysteron_v: vec![7.0, -4.0], drive_v: 0.0 };
     model.initial_state = Some(start.clone());
-    assert_eq!(model.stated_start().expect("stated").0.hysteron_v, [7.0, -4.0, 0.0]);
+    assert_eq!(model.start().state.hysteron_v, [7.0, -4.0, 0.0]);
     start.hysteron_v.push(0.5);
     model.initial_state = Some(start);
-    assert_eq!(model.stated_start().expect("stated").0.hysteron_v, [7.0, -4.0, 0.5]);
+    assert_eq!(model.start().state.hysteron_v, [7.0, -4.0, 0.5]);
 }
 
 #[test]

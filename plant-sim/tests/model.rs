@@ -69,12 +69,12 @@ fn what_is_written_is_read_back_to_the_bit() {
 
     // A stated start is where a run begins: displacement as it is, plus the sensor's offset.
     let chain = model.chain();
-    let (state, drive_v) = model.stated_start().expect("stated");
+    let start = model.start();
     let mut simulator = Simulator::new(&chain, 1e-4, 0.0);
-    simulator.start_from(&state, drive_v);
+    simulator.start_from(&start.state, start.drive_v);
     assert!((simulator.reading_m() - 11e-6).abs() < 1e-20);
     assert_eq!(simulator.state().hysteron_v, [7.25, -4.3]);
-    assert_eq!(drive_v, 11.0);
+    assert_eq!(start.drive_v, 11.0);
     fs::remove_dir_all(&folder).expect("ours");
 }
 

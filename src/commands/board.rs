@@ -9,7 +9,6 @@ use plant_sim::experiment::{Program, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
 use plant_sim::margins::{Verdict, assess};
 use plant_sim::model::Model;
-use plant_sim::replay::Start;
 use plant_sim::spec::Unit;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -69,10 +68,9 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let checked =
         parameters.check(&converters).map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
     let waveform = Waveform::new(spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
     let bench = BenchSettings {
         chain,
-        start: Start { state, drive_v, memory: 0.0 },
+        start: model.start(),
         calibration: checked.calibration,
         seed: call.seed,
         anti_alias_hz: call.anti_alias,

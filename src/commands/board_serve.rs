@@ -4,7 +4,6 @@ use crate::arguments::BoardServeCall;
 use crate::failure::Failure;
 use crate::output;
 use plant_sim::model::Model;
-use plant_sim::replay::Start;
 use virtual_board::serve::{Line, Pace, TcpLine, serve};
 use virtual_board::{BenchSettings, CORE_HZ, Image, VirtualBoard, step_cycles};
 use wire::{Converters, Parameters};
@@ -42,8 +41,7 @@ pub fn bench(
         .check(&converters)
         .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
     let chain = model.chain();
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v, memory: 0.0 };
+    let start = model.start();
     Ok(BenchSettings { chain, start, calibration: checked.calibration, seed, anti_alias_hz, has_external_converters })
 }
 

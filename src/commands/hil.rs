@@ -17,7 +17,6 @@ use plant_sim::controller::Controller;
 use plant_sim::experiment::{Bench, Program, Setup, sampled_loop};
 use plant_sim::margins::assess;
 use plant_sim::model::Model;
-use plant_sim::replay::Start;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -91,8 +90,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     let mut warnings = model.live_warnings();
     warnings.extend(board::loop_warnings(&settings, call.rate, ready.latency_s, &model)?);
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v, memory: 0.0 };
+    let start = model.start();
     let samples = samples as usize;
     let setup = Setup {
         chain: &chain,

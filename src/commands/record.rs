@@ -16,7 +16,6 @@ use hil_bridge::run_directory::{RunError, check_place};
 use hil_bridge::session::{Board, Session};
 use plant_sim::experiment::{Bench, Program, Setup, open_loop_peak_m};
 use plant_sim::model::Model;
-use plant_sim::replay::Start;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -82,8 +81,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut recording = Recording::create(&call.out, &facts)?;
     let mut bench = model.as_ref().filter(|_| call.at.board == Place::InProcess).map(|model| {
         let chain = model.chain();
-        let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-        let start = Start { state, drive_v, memory: 0.0 };
+        let start = model.start();
         // Latency and length are the board's; all boards have the same converters in process.
         let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
         Bench::new(&Setup { chain: &chain, start: &start, rate_hz: call.rate, samples: 0, latency_s, seed: call.seed })
@@ -205,7 +203,7 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     let Some(rig) = &model.rig else { return Ok(warnings) };
     // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
     let (chain, most_um) = (model.chain(), rig.displacement_max_um.value);
-    let start = Start::relaxed(&chain);
+    let start = model.start();
     let driven = plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
     for (experiment, Played { program, samples, .. }) in driven {
         let (samples, seed) = (*samples, call.seed);

@@ -12,7 +12,6 @@ use plant_sim::log::{Column, Meta, Writer};
 use plant_sim::margins::{Suggestion, Verdict, assess, nearest_stable};
 use plant_sim::metrics::{LoopMetrics, Task, loop_metrics};
 use plant_sim::model::{Model, RigSection};
-use plant_sim::replay::Start;
 use plant_sim::spec::{Shape, Spec, Unit};
 
 /// Rows that one call may make: 20 million are 0.6 GB in memory and 1 GB on disk.
@@ -31,8 +30,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let program = Program::new(spec, call.rate)?;
     check_unit(call, &program)?;
     let samples = samples(call, &program)?;
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    let start = Start { state, drive_v, memory: 0.0 };
+    let start = model.start();
     let setup =
         Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s: delay_s(call), seed: call.seed };
     let mut facts = Vec::new();

@@ -6,7 +6,6 @@ use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::experiment::sampled_loop;
 use plant_sim::margins::{MarginError, Verdict, assess};
 use plant_sim::model::Model;
-use plant_sim::replay::Start;
 
 /// The plant at work, without what is random.
 pub struct Twin {
@@ -15,17 +14,11 @@ pub struct Twin {
     pub chain: Chain,
 }
 
-/// State and drive that a model's run begins with.
-pub fn start(model: &Model, chain: &Chain) -> Start {
-    let (state, drive_v) = model.stated_start().unwrap_or((chain.plant.relaxed(), 0.0));
-    Start { state, drive_v, memory: 0.0 }
-}
-
 impl Twin {
     /// At its start.
     pub fn new(model: &Model, rate_hz: f64, latency_s: f64) -> Twin {
         let chain = model.chain();
-        let start = start(model, &chain);
+        let start = model.start();
         let mut simulator = Simulator::new(&chain, rate_hz.recip(), latency_s);
         simulator.start_from(&start.state, start.drive_v);
         Twin { simulator, chain }

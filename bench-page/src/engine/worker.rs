@@ -7,7 +7,7 @@ mod orders;
 mod publish;
 mod set;
 
-use super::model::{Twin, judge, start, within_rig};
+use super::model::{Twin, judge, within_rig};
 use super::{Order, Pass, Setting, Shared, StartError};
 use crate::history::{CHANNELS, Column};
 use crate::recorder::Recorder;
@@ -431,7 +431,7 @@ fn connect(setting: &Setting, clear_fault: bool) -> Result<Line, BoardError> {
 fn bench(setting: &Setting, latency_s: f64, seed: u64) -> Bench {
     let model = &setting.bench.as_ref().unwrap_or(&setting.plant).model;
     let chain = model.chain();
-    let start = start(model, &chain);
+    let start = model.start();
     Bench::new(&Setup { chain: &chain, start: &start, rate_hz: setting.rate_hz, samples: 0, latency_s, seed })
 }
 
