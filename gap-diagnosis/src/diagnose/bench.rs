@@ -26,7 +26,7 @@ const ROWS_PER_PERIOD: f64 = 6.0;
 /// Largest step of a logarithm in one iteration, and that of a frequency: a line's valley is narrow.
 const LOG_STEP: f64 = 0.7;
 const FREQUENCY_STEP: f64 = 0.04;
-/// Least share of a noise's power that is not stated to scatter: where a plant's file states no noise the rest is not known.
+/// Least share of a noise's power that is there at rest: where a plant's file states errors of the instants and no noise it is not known.
 const STILL_SHARE: f64 = 0.01;
 /// Information that numbers get which rounding can't tell from one another, in shares of their own.
 const ALIKE: f64 = 1e-8;
@@ -40,7 +40,9 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
-    /// Rms in metres of what the plant states to scatter in this log beside its sensor's white noise: slow noise, rounding, errors of the instants.
+    /// Rms in metres of what the errors of the instants that the plant states do to this log.
+    pub jitter_m: f64,
+    /// The same of all that the plant states to scatter beside its sensor's white noise: slow noise and rounding as well.
     pub scatter_m: f64,
     /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
     pub lattice_m: f64,
@@ -61,9 +63,9 @@ impl Record<'_> {
         Self { held_stretch: None, ..self }
     }
 
-    /// Rms of the noise in metres without what the plant states to scatter.
+    /// Rms of the noise at rest in metres: without errors of the instants that the plant states.
     pub fn still_m(&self) -> f64 {
-        let others_m2 = self.noise_m.powi(2) - self.scatter_m.powi(2);
+        let others_m2 = self.noise_m.powi(2) - self.jitter_m.powi(2);
         others_m2.max(STILL_SHARE * self.noise_m.powi(2)).sqrt()
     }
 

@@ -43,11 +43,14 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     let noise_m = if lattice_m > smooth_m { smooth_m.max(lattice_m / 12f64.sqrt()) } else { smooth_m };
     let lattice_m = if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 };
     let before_v = before(log, chain);
+    let jitter_m = jitter_m(log, chain, before_v[0]);
+    let Sensor { slow_noise_m, quantum_m, .. } = chain.sensor;
     Record {
         log,
         run_in,
         noise_m: noise_m.max(LEAST_NOISE_M),
-        scatter_m: scatter_m(log, chain, before_v[0]),
+        jitter_m,
+        scatter_m: jitter_m.hypot(slow_noise_m.hypot(quantum_m / 12f64.sqrt())),
         lattice_m,
         is_lost: if lattice_m > 0.0 { Vec::new() } else { lost(&log.displacement_m, noise_m.max(LEAST_NOISE_M)) },
         before_v,
@@ -59,13 +62,10 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     }
 }
 
-/// Rms in metres of what `chain` states to scatter in `log` beside white noise: differences of readings show none that is slow, and of rounding and of
-/// errors of the instants what some rows have.
-fn scatter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
-    let Sensor { slow_noise_m, quantum_m, jitter_s, .. } = chain.sensor;
-    let anywhere_m = slow_noise_m.hypot(quantum_m / 12f64.sqrt());
-    if jitter_s == 0.0 {
-        return anywhere_m;
+/// Rms in metres of what errors of the instants that `chain` states do to `log`, which a motion has and no rest.
+fn jitter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
+    if chain.sensor.jitter_s == 0.0 {
+        return 0.0;
     }
     let start = Start::at_rest(chain, before_v, vec![0.0; chain.plant.hysterons.len()]);
     let mut reader = Reader::new(chain, log, &start);
@@ -74,8 +74,8 @@ fn scatter_m(log: &Log, chain: &Chain, before_v: f64) -> f64 {
         reader.next_m();
         squares += reader.stream.motion.1.powi(2);
     }
-    let scatter_m = anywhere_m.hypot(jitter_s * (squares / log.len() as f64).sqrt());
-    if scatter_m.is_finite() { scatter_m } else { anywhere_m }
+    let jitter_m = chain.sensor.jitter_s * (squares / log.len() as f64).sqrt();
+    if jitter_m.is_finite() { jitter_m } else { 0.0 }
 }
 
 /// Rows that repeat the one before, if there are too many for chance: noise takes a reading back to where it was once in a while, the
