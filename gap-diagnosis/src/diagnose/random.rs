@@ -6,7 +6,7 @@
 use super::bench::Bench;
 use super::events::{Losses, Lost};
 use super::spread::Scattered;
-use plant_sim::effects::{Effect, Form, Role, find};
+use plant_sim::effects::{Effect, Form, find};
 use plant_sim::model::{EffectSection, Model};
 use plant_sim::param::Param;
 
@@ -123,15 +123,13 @@ fn random(id: &str, form: &str, values: Vec<f64>, sigmas: Vec<f64>, power_m2: f6
 impl Random {
     /// Values and sigmas of all of the form's parameters: those that scatter doesn't tell are the first that a search would try.
     pub fn complete(&self, bench: &Bench<'_>) -> Vec<(plant_sim::effects::Parameter, f64, f64)> {
-        let parameters = (self.form.parameters)(&bench.scales());
+        let scales = bench.scales();
+        let parameters = (self.form.parameters)(&scales);
         parameters
             .into_iter()
+            .zip(self.form.typical(&scales))
             .enumerate()
-            .map(|(i, parameter)| {
-                let usual = match &parameter.role {
-                    Role::Amplitude(typical) => *typical,
-                    Role::Shape(starts) | Role::Place(starts) => starts.first().copied().unwrap_or(parameter.bounds[0]),
-                };
+            .map(|(i, (parameter, usual))| {
                 let value = self.values.get(i).copied().unwrap_or(usual);
                 let sigma = self.sigmas.get(i).copied().unwrap_or(value.abs());
                 (parameter, value, sigma)
