@@ -307,16 +307,11 @@ impl Model {
         toml_file::write(path, self)
     }
 
-    /// The chain in SI units, with its effects.
+    /// The chain in SI units, with its effects. What the registry doesn't know is left out; reading a file refuses it.
     pub fn chain(&self) -> Chain {
         let mut chain = self.nominal_chain();
-        self.install_effects(&mut chain);
+        self.effects.iter().for_each(|effect| effect.install(&mut chain));
         chain
-    }
-
-    /// Puts the model's effects into a chain that lacks them. What the registry doesn't know is left out; reading a file refuses it.
-    pub fn install_effects(&self, chain: &mut Chain) {
-        self.effects.iter().for_each(|effect| effect.install(chain));
     }
 
     /// The same model with one more effect; `parameters` are in the order of the form's.
