@@ -19,9 +19,10 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
     let settings = board::settings(&call.controller, call.rate)?;
     let open = opener(&call.at, Some(&bench.as_ref().unwrap_or(&plant).model), call.rate, call.seed, None)?;
     std::fs::create_dir_all(&call.runs).map_err(|error| Failure::unwritable(&call.runs, &error))?;
-    let sources = [&plant].into_iter().chain(&bench);
-    let warned = |s: &Source| s.model.live_warnings().into_iter().map(|w| format!("{}: {w}", s.name)).collect();
-    let warnings: Vec<String> = sources.flat_map::<Vec<String>, _>(warned).collect();
+    let mut warnings = Vec::new();
+    for source in [&plant].into_iter().chain(&bench) {
+        warnings.extend(source.model.live_warnings().iter().map(|warning| format!("{}: {warning}", source.name)));
+    }
     // The port first: nothing is said to a board for a page that nobody could open.
     let address = SocketAddr::new(call.listen, call.port);
     let server = Server::bind(address).map_err(|error| {
