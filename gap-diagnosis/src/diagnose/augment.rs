@@ -5,7 +5,7 @@ use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
 use super::plants::{Benches, Played, Variant, carry};
 use super::random::Random;
-use super::refit::come_home;
+use super::refit::{come_home, has_gap, nominal};
 use super::search::{Candidate, Search};
 use super::starts::reach;
 use super::symmetry::{Freed, directions};
@@ -87,6 +87,10 @@ pub(super) fn augment(
     let freed = named.map(|explanation| explanation.freed.clone()).unwrap_or_default();
     if freed.is_empty() {
         let mut base = base.clone();
+        // A search ends where it was led to, now and then in a local minimum beside the noise: with its effects known it starts from nominal once more.
+        if named.is_some() && !has_gap(&base) {
+            base = search.polish_from(base, &nominal(search));
+        }
         let has_laws = bench.chain_at(&base.hypothesis, &base.found.z, 0).parts.need_substeps();
         if has_laws && base.chi < NEAR {
             let z = base.found.z.clone();
