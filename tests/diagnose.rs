@@ -1,6 +1,6 @@
 //! `hysteron diagnose` as a user meets it: made cases whose truth is known, the contract's keys, and inputs that can't be used.
 
-use crate::support::{Folder, PLANT, column, good_csv, json, number, root, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PLANT, asked, column, good_csv, json, number, root, run, stderr, stdout, succeeded};
 use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
 use serde_json::Value;
 
@@ -293,7 +293,7 @@ fn diagnosis_of(name: &str, request: &Request) -> Value {
 /// Hysterons forget nothing: a start that went astray leaves a gap in its log alone, or in one that was held out, and is no gap of the bench.
 #[test]
 fn a_log_that_its_start_has_locked_is_no_gap() {
-    for seed in [8_812_221, 8_820_581] {
+    for seed in asked([8_812_221, 8_820_581]) {
         let found = diagnosis_of_calibrate(&format!("diagnose-locked-{seed}"), seed, Subject::Null);
         assert_eq!(found["verdict"], "no_gap", "{}", found["ranking"]);
     }
@@ -348,7 +348,7 @@ fn what_is_small_beside_scatter_is_named_as_well() {
         (14_806_328_347_101_247_505, [EffectId::Creep, EffectId::SamplingJitter]),
         (3_442_760_743_714_820_265, [EffectId::Quantisation, EffectId::CoulombFriction]),
     ];
-    for (seed, effects) in pairs {
+    for (seed, effects) in asked(pairs) {
         let [first, second] = effects.map(EffectId::id);
         let found =
             diagnosis_of_calibrate(&format!("diagnose-{first}-{second}"), seed, Subject::Effects(effects.into()));
@@ -371,7 +371,7 @@ fn rows_that_are_late_now_and_then_are_jitter_alone() {
 /// What is predicted of logs never shown happens there, though a hum hides where they start, and a payload has led the refit far off.
 #[test]
 fn the_predicted_shrink_is_realised() {
-    for effect in [EffectId::MainsHum, EffectId::PayloadMass] {
+    for effect in asked([EffectId::MainsHum, EffectId::PayloadMass]) {
         let subject = Subject::Effects(vec![effect]);
         let found = diagnosis_of_calibrate(&format!("diagnose-shrink-{}", effect.id()), 8_824_001, subject);
         assert_eq!(found["effects"][0], effect.id(), "{}", found["ranking"]);
@@ -404,7 +404,7 @@ fn an_effect_that_leaves_ordinary_numbers_needs_no_gain() {
 fn of_an_effect_told_as_two_the_right_one_leads() {
     let cases =
         [(EffectId::SensorOffset, 4_358_165_478_238_254_297), (EffectId::VibrationMode, 9_650_436_421_822_354_281)];
-    for (effect, seed) in cases {
+    for (effect, seed) in asked(cases) {
         let subject = Subject::Effects(vec![effect]);
         let found = diagnosis_of_calibrate(&format!("diagnose-leads-{}", effect.id()), seed, subject);
         assert_eq!(found["effects"].as_array().expect("a list").len(), 2, "{}", found["effects"]);
@@ -416,7 +416,7 @@ fn of_an_effect_told_as_two_the_right_one_leads() {
 /// locked the logs; in the other nothing of the slopes shows before the zero is in.
 #[test]
 fn a_form_is_not_led_astray_where_a_part_of_it_leaves_less() {
-    for seed in [14_442_422_108_272_260_312, 281_687_491_707_763_784] {
+    for seed in asked([14_442_422_108_272_260_312, 281_687_491_707_763_784]) {
         let found = diagnosis_of_develop(&format!("diagnose-edges-{seed}"), seed, EffectId::AsymmetricHysteresis);
         assert_eq!(found["effects"], serde_json::json!(["asymmetric_hysteresis"]), "{}", found["ranking"]);
         let closure = found["gap"]["closure_percent"].as_f64().expect("a closure");
