@@ -8,6 +8,7 @@ use gap_diagnosis::diagnose::{Options, diagnose};
 use gap_diagnosis::locate::strongest;
 use plant_sim::log::{Log, ReadOptions, read};
 use plant_sim::model::Kind;
+use plant_sim::whole_file;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -73,7 +74,7 @@ fn run(shared: &Shared, case: &Case) -> Result<Found, String> {
     std::fs::create_dir_all(&case.folder).map_err(|error| unwritable(&case.folder, error))?;
     let text = serde_json::to_string_pretty(&found).map_err(|error| error.to_string())?;
     for (name, content) in [("diagnosis.json", text.as_str()), ("report.html", report.as_str())] {
-        std::fs::write(path(name), content).map_err(|error| unwritable(&path(name), error))?;
+        whole_file::write(&path(name), content.as_bytes()).map_err(|error| unwritable(&path(name), error))?;
     }
     found.augmented.write(&path("augmented.toml")).map_err(|error| error.to_string())?;
     Ok(Found {

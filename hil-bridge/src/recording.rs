@@ -10,7 +10,7 @@
 use crate::experiments::Experiment;
 use crate::link::Place;
 use crate::lockstep::{Outcome, Ready, Row};
-use crate::run_directory::{Growing, RunError, STATE, check_place, file_json, meta, replace, unwritable, write};
+use crate::run_directory::{Growing, RunError, STATE, check_place, file_json, meta, unwritable, write, write_json};
 use crate::session::Board;
 use crate::statistics::Statistics;
 use plant_sim::log::Column;
@@ -209,7 +209,7 @@ impl Recording {
         let mut value = statistics.json();
         value["logs"] = self.logs.iter().map(|log| (log.name.clone(), log.state())).collect();
         value["is_complete"] = is_complete.into();
-        replace(&self.path.join("link.json"), &value)
+        write_json(&self.path.join("link.json"), &value)
     }
 }
 

@@ -12,6 +12,7 @@ use crate::link::Place;
 use crate::lockstep::{Outcome, Ready, Row};
 use crate::statistics::Statistics;
 use plant_sim::log::{Column, LogError, Meta, Writer};
+use plant_sim::whole_file;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::io;
@@ -135,7 +136,7 @@ impl RunDirectory {
         for (name, content) in facts.reference_files {
             write(&path.join(format!("reference-{name}")), content)?;
         }
-        write(&path.join("run.json"), format!("{:#}\n", json(facts)).as_bytes())?;
+        write_json(&path.join("run.json"), &json(facts))?;
         let mut meta = meta(ready, rate_hz, facts.seed);
         meta.controller = Some(facts.controller.0.to_owned());
         meta.other.insert("plant".into(), facts.plant.0.to_owned());
@@ -192,7 +193,7 @@ impl RunDirectory {
             value["peak_um"] = (outcome.peak_m * 1e6).into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
         }
-        replace(&self.path.join("link.json"), &value)
+        write_json(&self.path.join("link.json"), &value)
     }
 }
 
@@ -258,15 +259,14 @@ fn sha256(content: &[u8]) -> String {
     Sha256::digest(content).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// Writes a file that is whole or as it was.
 pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), RunError> {
-    std::fs::write(path, content).map_err(unwritable(path))
+    whole_file::write(path, content).map_err(unwritable(path))
 }
 
-/// Writes JSON that is whole or as before: it takes the other one's place when all is there.
-pub(crate) fn replace(path: &Path, value: &Value) -> Result<(), RunError> {
-    let partial = path.with_extension("json.partial");
-    write(&partial, format!("{value:#}\n").as_bytes())?;
-    std::fs::rename(&partial, path).map_err(unwritable(path))
+
+pub(crate) fn write_json(path: &Path, value: &Value) -> Result<(), RunError> {
+    write(path, format!("{value:#}\n").as_bytes())
 }
 
 pub(crate) fn unwritable(path: &Path) -> impl FnOnce(io::Error) -> RunError {

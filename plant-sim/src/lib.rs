@@ -24,5 +24,6 @@ pub mod spec;
 pub mod stability;
 mod toml_file;
 mod toml_layout;
+pub mod whole_file;
 
 pub use toml_file::FileError;

@@ -1,8 +1,8 @@
 //! Reading and writing parameter files: one line per error, nothing half-written.
 
 use crate::toml_layout::lay_out;
+use crate::whole_file;
 use serde::{Serialize, de::DeserializeOwned};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// What can go wrong with a parameter file.
@@ -94,8 +94,7 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str, path: &Path, schema: &'stat
     toml::from_str(text).map_err(syntax)
 }
 
-/// Writes `value` as TOML to a temporary file beside `path` and renames it, so that `path` is whole or untouched. Through a link, its
-/// target is replaced; a device or a pipe is written to, for it can't be replaced.
+/// Writes `value` as TOML, so that `path` is whole or untouched.
 ///
 /// # Errors
 /// [`FileError::Unwritable`].
@@ -103,15 +102,5 @@ pub(crate) fn write<T: Serialize>(path: &Path, value: &T) -> Result<(), FileErro
     let unwritable = |reason: String| FileError::Unwritable { path: path.to_owned(), reason };
     let text = toml::to_string(value).map_err(|e| unwritable(e.to_string()))?;
     let text = lay_out(&text).map_err(|e| unwritable(e.to_string()))?;
-    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    if target.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir()) {
-        let device = std::fs::OpenOptions::new().write(true).open(&target);
-        return device.and_then(|mut device| device.write_all(text.as_bytes())).map_err(|e| unwritable(e.to_string()));
-    }
-    let name = target.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = target.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    std::fs::write(&temporary, text).and_then(|()| std::fs::rename(&temporary, &target)).map_err(|e| {
-        let _ = std::fs::remove_file(&temporary);
-        unwritable(e.to_string())
-    })
+    whole_file::write(path, text.as_bytes()).map_err(|e| unwritable(e.to_string()))
 }

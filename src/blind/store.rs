@@ -11,6 +11,7 @@
 //! ```
 
 use crate::failure::Failure;
+use plant_sim::whole_file;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -78,9 +79,7 @@ pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).map_err(fail)?;
     }
-    let mut part = path.as_os_str().to_owned();
-    part.push(format!(".{}.part", std::process::id()));
-    fs::write(&part, content).and_then(|()| fs::rename(&part, path)).map_err(fail)
+    whole_file::write(path, content).map_err(fail)
 }
 
 /// A value as a JSON text for people too.

@@ -6,6 +6,7 @@ use crate::output;
 use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
 use clap::Parser;
 use gap_diagnosis::diagnose::Diagnosis;
+use plant_sim::whole_file;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sha2::{Digest, Sha256};
@@ -92,7 +93,7 @@ fn label(case: &Case) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<PathBuf, Failure> {
-    fs::write(path, text).map_err(|e| Failure::unwritable(path, &e))?;
+    whole_file::write(path, text.as_bytes()).map_err(|e| Failure::unwritable(path, &e))?;
     Ok(path.to_owned())
 }
 

@@ -23,7 +23,6 @@ mod simulation;
 mod thin;
 
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io::Write;
 use std::path::Path;
 
 pub use bars::{BarItem, BarList, Share};
@@ -271,21 +270,7 @@ impl Page {
     /// # Errors
     /// What the file system says; no partial file is left behind.
     pub fn save(&self, path: &Path) -> std::io::Result<()> {
-        let name = path.file_name().ok_or_else(|| {
-            std::io::Error::new(std::io::ErrorKind::InvalidInput, format!("{} is not a file name", path.display()))
-        })?;
-        let mut temporary_name = std::ffi::OsString::from(".");
-        temporary_name.push(name);
-        temporary_name.push(format!(".{}.part", std::process::id()));
-        let temporary = path.with_file_name(temporary_name);
-        let written = std::fs::File::create(&temporary)
-            .and_then(|mut file| file.write_all(self.to_html().as_bytes()).and_then(|()| file.sync_all()))
-            .and_then(|()| std::fs::rename(&temporary, path));
-        if written.is_err() {
-            // The first error is the one worth telling; a file that was never created cannot be removed either.
-            let _ = std::fs::remove_file(&temporary);
-        }
-        written
+        plant_sim::whole_file::write(path, self.to_html().as_bytes())
     }
 
     fn html(&mut self, html: String) -> &mut Self {

@@ -8,10 +8,9 @@
 //! binary numbers; there the way there and back rounds twice, which is at most 2.3e-16 of the value.
 
 use std::fmt::Write as _;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::fs::OpenOptions;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use npyz::WriterBuilder as _;
 
@@ -20,6 +19,7 @@ use super::error::{LogError, Place};
 use super::mat5;
 use super::meta::Meta;
 use super::{Kind, Log};
+use crate::whole_file::WholeFile;
 
 /// Most digits after the point of a printed time: a picosecond.
 const MAX_TIME_DECIMALS: usize = 12;
@@ -69,8 +69,7 @@ impl Writer {
     /// [`LogError::Unwritable`]. A live log then ends with the rows handed over before, and is given up.
     pub fn flush(&mut self) -> Result<(), LogError> {
         let Some(staged) = &mut self.staged else { return Err(gave_up(&self.path)) };
-        let flushed = staged.file.flush().and_then(|()| Ok(staged.file.get_ref().metadata()?.len()));
-        match flushed {
+        match staged.file.hand_over() {
             Ok(bytes) => {
                 self.handed_over = self.handed_over.map(|_| bytes);
                 Ok(())
@@ -409,60 +408,26 @@ fn write_npy(
     writer.finish()
 }
 
-/// A file that takes its name when it is complete, and vanishes otherwise.
+/// The file of a log, with its errors.
 #[derive(Debug)]
 pub(super) struct Staged {
     path: PathBuf,
-    /// Where the bytes go until then; `None` for a device or a pipe, which cannot be replaced.
-    temporary: Option<PathBuf>,
-    target: PathBuf,
-    pub(super) file: BufWriter<File>,
+    pub(super) file: WholeFile,
 }
 
 impl Staged {
     pub(super) fn create(path: &Path) -> Result<Self, LogError> {
-        let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
-        // Through a link, its target is replaced and not the link.
-        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-        match fs::metadata(&target) {
-            Ok(found) if found.is_dir() => {
-                return Err(LogError::IsDirectory { path: path.to_path_buf() });
-            }
-            Ok(found) if !found.is_file() => {
-                let file = OpenOptions::new().write(true).open(&target).map_err(unwritable)?;
-                return Ok(Self {
-                    path: path.to_path_buf(),
-                    temporary: None,
-                    target,
-                    file: BufWriter::with_capacity(1 << 16, file),
-                });
-            }
-            // A file that may not be written is not replaced either, although its directory would allow it.
-            Ok(found) if found.permissions().readonly() => {
-                return Err(unwritable(io::ErrorKind::PermissionDenied.into()));
-            }
-            _ => {}
-        }
-        // Unique among the writers of this process and, by its number, among processes.
-        static N_STAGED: AtomicU32 = AtomicU32::new(0);
-        let name = target.file_name().unwrap_or_default().to_string_lossy();
-        let n = N_STAGED.fetch_add(1, Ordering::Relaxed);
-        let temporary = target.with_file_name(format!(".{name}.{}-{n}.partial", std::process::id()));
-        let file = OpenOptions::new().write(true).create_new(true).open(&temporary).map_err(unwritable)?;
-        Ok(Self {
-            path: path.to_path_buf(),
-            temporary: Some(temporary),
-            target,
-            file: BufWriter::with_capacity(1 << 16, file),
-        })
+        let file = WholeFile::create(path).map_err(|source| match source.kind() {
+            io::ErrorKind::IsADirectory => LogError::IsDirectory { path: path.to_path_buf() },
+            _ => LogError::Unwritable { path: path.to_path_buf(), source },
+        })?;
+        Ok(Self { path: path.to_path_buf(), file })
     }
 
     /// A new file under its own name.
     fn live(path: &Path) -> Result<Self, LogError> {
         let unwritable = |source| LogError::Unwritable { path: path.to_path_buf(), source };
-        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(unwritable)?;
-        let target = path.to_path_buf();
-        Ok(Self { path: target.clone(), temporary: None, target, file: BufWriter::with_capacity(1 << 16, file) })
+        Ok(Self { path: path.to_path_buf(), file: WholeFile::live(path).map_err(unwritable)? })
     }
 
     pub(super) fn unwritable(&self, source: io::Error) -> LogError {
@@ -480,21 +445,8 @@ impl Staged {
         self.put(&bytes)
     }
 
-    pub(super) fn finish(mut self) -> Result<(), LogError> {
-        self.file.flush().map_err(|source| self.unwritable(source))?;
-        if let Some(temporary) = &self.temporary {
-            fs::rename(temporary, &self.target).map_err(|source| self.unwritable(source))?;
-            self.temporary = None;
-        }
-        Ok(())
-    }
-}
-
-impl Drop for Staged {
-    fn drop(&mut self) {
-        if let Some(temporary) = &self.temporary {
-            // Nobody is left to be told if this fails too.
-            let _ = fs::remove_file(temporary);
-        }
+    pub(super) fn finish(self) -> Result<(), LogError> {
+        let Self { path, file } = self;
+        file.finish().map_err(|source| LogError::Unwritable { path, source })
     }
 }
