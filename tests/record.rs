@@ -254,6 +254,10 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
     let away =
         "[initial_state]\ndisplacement_um = 130.0\nvelocity_um_per_s = 0.0\nhysteron_V = [0.0, 0.0]\ndrive_V = 0.0\n";
     folder.write("away.toml", format!("{plant}\n{away}"));
+    folder.write(
+        "narrow.toml",
+        plant.replace("displacement_max_um = { value = 120.0", "displacement_max_um = { value = 60.0"),
+    );
     let good = call("--spec sine:60V@10Hz/0.1s", "run");
     let closed = call("--spec step:40um@0.1s", "run");
     let at = |board: &str| format!("record --board {board} --spec sine:60V@10Hz/0.1s --out @/run");
@@ -291,6 +295,12 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (call("--spec hold:70V@0.1s", "run"), 2, "hold:70V@0.1s: it would take the stage to 136 um, and the [rig]"),
         // A run begins where the plant's file says.
         (good.replace(PLANT, "@/away.toml"), 2, "it would take the stage to 126 um"),
+        // What is played before each of a set's loops is a drive in open loop as well.
+        (
+            call("--set thesis", "run").replace(PLANT, "@/narrow.toml") + " --controller " + PI1,
+            2,
+            "decaying-sine:60V@8Hz/1s: it would take the stage to 87 um",
+        ),
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
         (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
         (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),

@@ -264,7 +264,6 @@ pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), RunError> {
     whole_file::write(path, content).map_err(unwritable(path))
 }
 
-
 pub(crate) fn write_json(path: &Path, value: &Value) -> Result<(), RunError> {
     write(path, format!("{value:#}\n").as_bytes())
 }

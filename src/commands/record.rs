@@ -204,15 +204,17 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
     let (chain, most_um) = (model.chain(), rig.displacement_max_um.value);
     let start = model.start();
-    let driven = plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
-    for (experiment, Played { program, samples, .. }) in driven {
+    let experiments =
+        plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
+    let driven = experiments.map(|(experiment, played)| (&experiment.spec, played));
+    for (spec, Played { program, samples, .. }) in plan.before.iter().map(|(spec, played)| (spec, played)).chain(driven)
+    {
         let (samples, seed) = (*samples, call.seed);
         let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed };
         let peak_um = 1e6 * open_loop_peak_m(&setup, program)?;
         if peak_um > most_um {
             return Err(Failure::call(format!(
-                "{}: it would take the stage to {peak_um:.0} um, and the [rig] of --plant stands {most_um} um: lower the volts (a set's with --size)",
-                experiment.spec
+                "{spec}: it would take the stage to {peak_um:.0} um, and the [rig] of --plant stands {most_um} um: lower the volts (a set's with --size)"
             )));
         }
     }

@@ -81,7 +81,7 @@ impl Leak {
     /// `sum` the moments of the force by which the two differ on the way.
     pub(super) fn follow(&mut self, from_v: f64, path: &Path, step_s: f64, sum: &mut Moments) -> f64 {
         let now_v = from_v + self.owed_v;
-        let (end_v, moments) = relax(now_v, step_s, self.inner, |v, t| self.slope(v, path.motion(t)));
+        let (end_v, moments) = relax(now_v, step_s, self.inner, |v, t| self.slope(v, path.motion(t)), |_, _| None);
         self.skewed = self.capacitance_skew * (end_v / self.edge_v).clamp(-1.0, 1.0);
         let by_m = path.at(step_s) - path.0[0];
         let rate = (end_v - from_v - self.per_metre * by_m) / step_s;

@@ -33,9 +33,16 @@ const SAME_M: f64 = 2e-11;
 const SHORTEST_S: f64 = 1e-12;
 /// The same two for coarse laws, and for singular ones of them.
 const COARSE_INNER: [f64; 2] = [2e-5, 1e-7];
-const COARSE_SINGULAR_INNER: [f64; 2] = [2e-6, 1e-8];
+const COARSE_SINGULAR_INNER: [f64; 2] = [2e-7, 1e-9];
 /// .. and the most sub-steps: rows far apart show the plant at rest, not how it got there.
 const COARSE_MOST: f64 = 16.0;
+/// Speeds, in errors of a velocity, up to which a mass may creep against singular friction; how many times it must settle in what is left of the
+/// sub-step.
+const CREEPS: f64 = 5.0;
+const SETTLES: f64 = 10.0;
+/// Newton steps at the most for the speed at which friction bears a load, and the relative change of the last.
+const MOST_NEWTON: usize = 30;
+const BALANCED: f64 = 1e-6;
 /// Share of its reference speed below which a power law is straight: with an exponent of 0.3 at 0.2 % of the force, and at a speed that
 /// makes 0.1 nm a second at 0.1 m/s.
 const STRAIGHT: f64 = 1e-9;
@@ -64,6 +71,8 @@ pub(super) struct Laws {
     rubbed_n: f64,
     /// Error and shortest length of inner steps against friction, and how often the path is foreseen anew.
     inner: [f64; 2],
+    /// None without singular friction.
+    creep: Option<Creep>,
     rounds: usize,
     sliding: f64,
     quadrature: Quadrature,
@@ -78,6 +87,14 @@ struct Element {
     per_metre: f64,
     edge_v: f64,
     rate_per_s: f64,
+}
+
+/// Up to which speed a mass may creep, what friction and damper bear there, and how steeply more, N s/m.
+#[derive(Clone, Copy)]
+struct Creep {
+    most_m_per_s: f64,
+    bears_n: f64,
+    by_v: f64,
 }
 
 /// What it needs to know of an attached mode.
@@ -184,7 +201,13 @@ impl Laws {
         // A power below one is steep where it is straight: an error above that speed would jump to and fro across zero.
         let singular = forces.iter().any(|f| matches!(f, Force::Power { exponent, .. } if *exponent < 1.0));
         let friction = |f: &Force| matches!(f, Force::Smooth { .. } | Force::Power { .. });
-        Self {
+        let inner = match (is_coarse, singular) {
+            (true, true) => COARSE_SINGULAR_INNER,
+            (true, false) => COARSE_INNER,
+            (false, true) => [1e-2 * VELOCITY_ERROR, SHORTEST_S],
+            (false, false) => [VELOCITY_ERROR, SHORTEST_S],
+        };
+        let mut laws = Self {
             plant: plant.clone(),
             forces: forces.to_vec(),
             slid: vec![0.0; forces.len()],
@@ -194,19 +217,21 @@ impl Laws {
             leaks: Leak::of(plant, bends, is_coarse),
             attached: attached.collect(),
             rubbed_n: 0.0,
-            inner: match (is_coarse, singular) {
-                (true, true) => COARSE_SINGULAR_INNER,
-                (true, false) => COARSE_INNER,
-                (false, true) => [1e-2 * VELOCITY_ERROR, SHORTEST_S],
-                (false, false) => [VELOCITY_ERROR, SHORTEST_S],
-            },
+            inner,
+            creep: None,
             rounds: if is_coarse { 1 } else { 3 },
             sliding: if is_coarse { COARSE_SLIDING } else { SLIDING },
             quadrature: Quadrature::of(forces, is_coarse),
             elastic: forces.iter().any(|f| !friction(f)),
             friction: forces.iter().any(friction),
             rates: vec![0.0; states],
+        };
+        if singular {
+            let most_m_per_s = CREEPS * inner[0];
+            let [bears_n, by_v] = laws.resisting(most_m_per_s);
+            laws.creep = Some(Creep { most_m_per_s, bears_n, by_v });
         }
+        laws
     }
 
     /// Every friction that sticks has been pushed to this `share` of what it can hold.
@@ -355,11 +380,13 @@ impl Laws {
             // The parabola through the three.
             let (slope, curve) =
                 ((4.0 * middle - 3.0 * start - end) / step_s, 4.0 * (start - 2.0 * middle + end) / (step_s * step_s));
-            let (end_m_per_s, moments) = relax(v, step_s, self.inner, |v, t| {
+            let follow = |v: f64, t: f64| {
                 let [force, by_v] = friction(&self.forces, v);
                 let load = start + t * (slope + 0.5 * t * curve);
                 [load - (force + b * v) / m, -(by_v + b) / m, slope + t * curve]
-            });
+            };
+            let load = [start * m, slope * m, curve * m];
+            let (end_m_per_s, moments) = relax(v, step_s, self.inner, follow, |v, t| self.creep(v, load, [t, step_s]));
             let foreseen_m = path.at(step_s);
             path = Path::between(q, v, q + moments.zeroth, end_m_per_s, step_s);
             // Friction is what load and damper don't explain of the change of velocity.
@@ -383,6 +410,52 @@ impl Laws {
         self.rubbed_n = rubbed.zeroth / step_s;
         sum.add(rubbed, 0.0);
         path
+    }
+
+    /// The speed at the sub-step's end and the way from `from_s` on, where singular friction is so steep that it bears the `load` (newton, slope,
+    /// second derivative) at every instant, as a mass does that hardly creeps.
+    fn creep(&self, v: f64, [start_n, slope, curve]: [f64; 3], [from_s, to_s]: [f64; 2]) -> Option<(f64, Moments)> {
+        let Creep { bears_n, by_v, .. } = self.creep.filter(|creep| v.abs() < creep.most_m_per_s)?;
+        let left_s = to_s - from_s;
+        let changes = (slope + from_s * curve).abs().max((slope + to_s * curve).abs());
+        // It settles within m/by_v, in which the speed that balances the load moves by this.
+        let lags_by = changes * self.plant.mass_kg / (by_v * by_v);
+        if by_v * left_s < SETTLES * self.plant.mass_kg || lags_by > self.inner[0] {
+            return None;
+        }
+        let load_n = |t: f64| start_n + t * (slope + 0.5 * t * curve);
+        let nodes = [(0.0, 1.0 / 6.0), (0.5, 4.0 / 6.0), (1.0, 1.0 / 6.0)];
+        if nodes.iter().any(|(share, _)| load_n(from_s + share * left_s).abs() > bears_n) {
+            return None;
+        }
+        let (mut sum, mut end_m_per_s) = (Moments::default(), 0.0);
+        for (share, weight) in nodes {
+            end_m_per_s = self.balance(load_n(from_s + share * left_s));
+            sum.add_node(share * left_s, weight * left_s, end_m_per_s);
+        }
+        Some((end_m_per_s, sum))
+    }
+
+    /// The speed at which friction and damper bear `load_n`: Newton's method between the logarithms, which friction keeps nearly straight.
+    fn balance(&self, load_n: f64) -> f64 {
+        let Some(creep) = self.creep.filter(|_| load_n != 0.0) else { return 0.0 };
+        let wanted_n = load_n.abs();
+        let mut v = creep.most_m_per_s * wanted_n / creep.bears_n;
+        for _ in 0..MOST_NEWTON {
+            let [force_n, by_v] = self.resisting(v);
+            let step = (wanted_n / force_n).ln() * force_n / (v * by_v);
+            v *= step.clamp(-20.0, 20.0).exp();
+            if step.abs() < BALANCED {
+                break;
+            }
+        }
+        v.copysign(load_n)
+    }
+
+    /// Friction and damper at a speed, and the derivative.
+    fn resisting(&self, v: f64) -> [f64; 2] {
+        let ([force_n, by_v], b) = (friction(&self.forces, v), self.plant.damping_n_s_per_m);
+        [force_n + b * v, by_v + b]
     }
 
     /// Force on the mass without damper and friction, with the mass at `q` and moving at `w` after `t` of the sub-step.

@@ -1,10 +1,14 @@
 //! Errors against Runge-Kutta. Each line of a table holds the bound in nm, twice what was measured and rounded up; the lower half of the
 //! check (a hundredth of it, for what is not exact) says that the rival is a rival and the part is there.
 
-use super::rival::{bender, chain, distance, held, lively, ours, rival, slow_sine, with_drive, with_force};
+use super::rival::{
+    SAMPLE_S, bender, chain, distance, held, lively, log, ours, rival, slow_sine, with_drive, with_force,
+};
 use plant_sim::chain::{
     Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Shake, Warming,
 };
+use plant_sim::replay::{Start, predict};
+use std::f64::consts::TAU;
 
 /// Runge-Kutta steps of 0.1 us.
 const STEPS: usize = 500;
@@ -99,6 +103,35 @@ fn coarse_laws_stay_near_fine_ones() {
         println!("{name}: {:.3} nm, effect {:.0} nm", 1e9 * error_m, 1e9 * effect_m);
         if 1e9 * error_m > COARSE_NM || effect_m < 1e-6 {
             failed.push(format!("{name}: {:.3} nm", 1e9 * error_m));
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// Most that such a law may be off on rows that are far apart, as a search thins them, in nm; twice what was measured.
+const THINNED_NM: f64 = 9.0;
+
+/// A power law is steepest where the mass rests. However it sets off, by a step or ever faster from nothing, it doesn't hang there.
+#[test]
+fn coarse_friction_lets_go_on_rows_far_apart() {
+    let rows = |k: u32| match k {
+        0..20 => 0.0,
+        20..150 => 14.0,
+        150..1500 => 60.0 * (1.0 - (TAU * 45.0 * f64::from(k - 150) * 4.0 * SAMPLE_S).cos()),
+        _ => 14.0,
+    };
+    let mut log = log((0..3000).map(rows).collect(), 0.0);
+    log.dt_s = 4.0 * SAMPLE_S;
+    let mut failed = Vec::new();
+    for exponent in [0.2, 0.3, 0.5, 0.8, 1.5] {
+        let fine = with_force(Force::Power { force_n: 0.05, reference_m_per_s: 0.05, exponent });
+        let coarse = Chain { parts: Parts { is_coarse: true, ..fine.parts.clone() }, ..fine.clone() };
+        let [fine_m, coarse_m] =
+            [&fine, &coarse].map(|chain| predict(chain, &log, &Start::relaxed(chain), log.command_v.len()));
+        let error_nm = 1e9 * distance(&coarse_m, &fine_m);
+        println!("power {exponent}: {error_nm:.2} nm");
+        if !(1e-3..THINNED_NM).contains(&error_nm) {
+            failed.push(format!("power {exponent}: {error_nm:.2} nm"));
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");
