@@ -226,7 +226,7 @@ impl Fits<'_> {
             let mut best = pair.clone();
             let own_lead = in_form(leads, own);
             let plainest = own_lead.and_then(|lead| self.plainest(lead, leads));
-            for other in others(own.0, own.1, leads, most).chain(plainest) {
+            for other in and(others(own.0, own.1, leads, most), plainest) {
                 if self.is_found(&best) {
                     break;
                 }
@@ -525,7 +525,7 @@ impl Fits<'_> {
         let first = fit.clone();
         let promising = others(lead.effect.id(), lead.form.name, leads, lead.gain)
             .filter(|other| other.gain > least && lead.share >= LITTLE);
-        for other in promising.chain(self.plainest(lead, leads)) {
+        for other in and(promising, self.plainest(lead, leads)) {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE {
                 break;
             }
@@ -612,6 +612,15 @@ fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl 
         lead.gain > if *rank < MOST_OTHERS { AS_PROMISING } else { NO_LESS } * gain
     };
     same.enumerate().filter(is_worth).map(|(_, lead)| lead)
+}
+
+/// `leads` and one more, unless it is among them.
+fn and<'l>(leads: impl Iterator<Item = &'l Lead>, more: Option<&'l Lead>) -> Vec<&'l Lead> {
+    let mut leads: Vec<&Lead> = leads.collect();
+    let is_new = |more: &&Lead| !leads.iter().any(|lead| std::ptr::eq(*lead, *more));
+    let more = more.filter(is_new);
+    leads.extend(more);
+    leads
 }
 
 fn better(one: Candidate, other: Candidate) -> Candidate {

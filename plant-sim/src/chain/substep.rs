@@ -175,7 +175,14 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
 /// Whether the laws are such that [`Laws::idle_n`] ever tells that none is at work.
 fn may_be_idle(parts: &Parts) -> bool {
     let may = |force: &Force| {
-        matches!(force, Force::Presliding { .. } | Force::OneSided { .. } | Force::Stop { .. } | Force::Pad { .. })
+        matches!(
+            force,
+            Force::Presliding { .. }
+                | Force::Slider { .. }
+                | Force::OneSided { .. }
+                | Force::Stop { .. }
+                | Force::Pad { .. }
+        )
     };
     parts.bends.is_empty() && parts.forces.iter().all(may)
 }
@@ -284,12 +291,12 @@ impl Laws {
         let mut slides = false;
         for (force, z) in self.forces.iter().zip(&self.slid) {
             match *force {
-                Force::Presliding { coulomb_n, presliding_m } => {
+                Force::Presliding { coulomb_n, presliding_m: slip_m } | Force::Slider { coulomb_n, slip_m } => {
                     against_n += coulomb_n * z;
                     if (z - from_m_per_s.signum()).abs() < self.sliding {
                         slides = true;
                     } else {
-                        sticks_m = sticks_m.min(0.5 * self.sliding * presliding_m);
+                        sticks_m = sticks_m.min(0.5 * self.sliding * slip_m);
                     }
                 }
                 Force::OneSided { .. } => most_m = most_m.min(-from_m),
