@@ -84,7 +84,7 @@ pub struct RecordCall {
     /// Controller, a controller file, for what is a reference; may be given several times
     #[arg(long, value_name = "C.toml")]
     pub controller: Vec<PathBuf>,
-    /// Plant, a model file: kept with the run. Loops that are unstable with it and drives that take it beyond its [rig] are refused. The bench of a virtual board, and in process
+    /// Plant, a model file: kept with the run. Loops that are unstable with it and drives that take it beyond what its rig stands are refused. The bench of a virtual board, and in process
     #[arg(long, value_name = "P.toml")]
     pub plant: Option<PathBuf>,
     /// Samples per second of the loop; must divide the board's clock

@@ -9,7 +9,6 @@ use super::plants::Played;
 use crate::residual::samples_per_independent;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::replay::Reader;
-use std::collections::VecDeque;
 use std::ops::Range;
 
 /// Share of a held-out log that its start is fitted to.
@@ -17,9 +16,8 @@ const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
-/// Hysterons of which edges are tried, and the share of the mean square that an edge must leave less than.
+/// Hysterons of which every corner is tried.
 const MOST_CORNERS: usize = 3;
-const HELPS: f64 = 0.99;
 /// Steps of that fit at most, and how often a step is shortened.
 const STEPS: usize = 12;
 const HALVINGS: i32 = 5;
@@ -40,7 +38,7 @@ pub(super) fn play_log(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], in
 }
 
 /// Fits the start of log `index` to its first stretch, everything else held. Where its coordinates as they are do not lead to the noise,
-/// each hysteron in turn starts near either edge as well, then several do if one helped: dead zones make valleys of their own. What reaches the noise first will do
+/// each hysteron in turn starts near either edge as well, then several do: dead zones make valleys of their own. What reaches the noise first will do
 /// where a later fit takes it from there.
 pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
     let mut all = Vec::new();
@@ -167,15 +165,16 @@ fn is_at_noise(mean2: f64, record: &Record<'_>) -> bool {
     mean2 < (SETTLED * record.noise_m).powi(2)
 }
 
-/// `edges`, with one more hysteron near either of its own.
-fn one_more(edges: &[f64]) -> Vec<Vec<f64>> {
-    let free = (0..edges.len().min(MOST_CORNERS)).filter(|hysteron| edges[*hysteron] == 0.0);
-    let near = |(hysteron, edge): (usize, f64)| {
-        let mut near = edges.to_vec();
-        near[hysteron] = edge;
-        near
-    };
-    free.flat_map(|hysteron| [(hysteron, -NEAR_EDGE), (hysteron, NEAR_EDGE)]).map(near).collect()
+/// Nowhere, then near either edge of one hysteron after the other, then of several at once.
+fn corners(hysterons: usize) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = vec![Vec::new()];
+    for hysteron in 0..hysterons {
+        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
+        let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
+        all = all.into_iter().flat_map(with).collect();
+    }
+    all.sort_by_key(|edges: &Vec<f64>| edges.iter().filter(|edge| **edge != 0.0).count());
+    all
 }
 
 /// The first stretch of a log, and how its start may move there.
@@ -219,25 +218,12 @@ impl<'b> FirstStretch<'b> {
         Self { rows: self.rows.start..self.bench.records[self.index].log.len(), ..self }
     }
 
-    /// Where the start settles from `z` as it is, then with one hysteron near either edge. Beside the edge that helped most others are tried, as long as
-    /// one helps.
+    /// Where the start settles from `z` as it is and from every corner beside it.
     fn settlings(&self, z: Vec<f64>) -> impl Iterator<Item = Settled> {
-        let mut trials = VecDeque::from([vec![0.0; self.memories]]);
-        // The least mean square of the rounds before, and that of this one with its edges.
-        let (mut least2, mut round) = (f64::INFINITY, (f64::MAX, vec![0.0; self.memories]));
-        std::iter::from_fn(move || {
-            if trials.is_empty() && round.0 < HELPS * least2 {
-                least2 = round.0;
-                trials.extend(one_more(&round.1));
-            }
-            let edges = trials.pop_front()?;
+        corners(self.memories).into_iter().map(move |edges| {
             let mut there = z.clone();
-            self.places.iter().skip(1).zip(&edges).for_each(|(place, edge)| there[*place] += edge);
-            let settled = self.settled(there);
-            if settled.mean2 < round.0 {
-                round = (settled.mean2, edges);
-            }
-            Some(settled)
+            self.places.iter().skip(1).zip(edges).for_each(|(place, edge)| there[*place] += edge);
+            self.settled(there)
         })
     }
 
