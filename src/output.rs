@@ -4,6 +4,7 @@ use crate::arguments::{Command, Show};
 use crate::failure::Failure;
 use gap_diagnosis::page::Page;
 use indicatif::{ProgressBar, ProgressStyle};
+use plant_sim::whole_file;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -146,6 +147,11 @@ fn same_file(a: &Path, b: &Path) -> bool {
         path.canonicalize().ok().or_else(|| Some(folder(path).canonicalize().ok()?.join(path.file_name()?)))
     };
     place(a).is_some_and(|a| Some(a) == place(b))
+}
+
+/// Writes a file that is whole or as it was.
+pub fn save(path: &Path, content: &[u8]) -> Result<(), Failure> {
+    whole_file::write(path, content).map_err(|e| Failure::unwritable(path, &e))
 }
 
 /// Writes the page and says where.

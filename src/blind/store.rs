@@ -11,7 +11,7 @@
 //! ```
 
 use crate::failure::Failure;
-use plant_sim::whole_file;
+use crate::output;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -75,11 +75,10 @@ pub fn sha256(bytes: &[u8]) -> String {
 /// # Errors
 /// What the file system says.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
-    let fail = |e| Failure::unwritable(path, &e);
     if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).map_err(fail)?;
+        fs::create_dir_all(folder).map_err(|e| Failure::unwritable(path, &e))?;
     }
-    whole_file::write(path, content).map_err(fail)
+    output::save(path, content)
 }
 
 /// A value as a JSON text for people too.

@@ -10,7 +10,6 @@ use plant_sim::log::{Column, Meta, Writer};
 use plant_sim::margins::{Verdict, assess};
 use plant_sim::model::Model;
 use plant_sim::spec::Unit;
-use plant_sim::whole_file;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use virtual_board::run::{Experiment, Report, run};
@@ -190,7 +189,7 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "measured_on_silicon": false,
     });
     let path = report_path(call);
-    whole_file::write(&path, format!("{value:#}\n").as_bytes()).map_err(|error| Failure::unwritable(&path, &error))?;
+    output::save(&path, format!("{value:#}\n").as_bytes())?;
     if call.json {
         output::line(&value.to_string());
         return Ok(());

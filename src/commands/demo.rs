@@ -6,7 +6,6 @@ use crate::output;
 use blind_truth::{Case, EffectId, Request, Size, Split, Subject, make};
 use clap::Parser;
 use gap_diagnosis::diagnose::Diagnosis;
-use plant_sim::whole_file;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sha2::{Digest, Sha256};
@@ -93,7 +92,7 @@ fn label(case: &Case) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<PathBuf, Failure> {
-    whole_file::write(path, text.as_bytes()).map_err(|e| Failure::unwritable(path, &e))?;
+    output::save(path, text.as_bytes())?;
     Ok(path.to_owned())
 }
 

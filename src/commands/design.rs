@@ -12,7 +12,6 @@ use plant_sim::margins::{Assessment, LinearRegion, Verdict, closed_loop_poles, o
 use plant_sim::model::{Kind, Model};
 use plant_sim::param::Param;
 use plant_sim::reduce::{quasi_static, speeds};
-use plant_sim::whole_file;
 use std::path::Path;
 
 /// The controller whose limits and shaping a design takes where none is given.
@@ -407,7 +406,7 @@ fn run_check(
     }
     let facts = check_facts(&found, tracked);
     let json = check_json(&found, tracked);
-    whole_file::write(&call.out, format!("{json}\n").as_bytes()).map_err(|e| Failure::unwritable(&call.out, &e))?;
+    output::save(&call.out, format!("{json}\n").as_bytes())?;
     output::warn(warnings);
     if call.show.json {
         output::line(&json.to_string());

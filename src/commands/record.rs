@@ -207,8 +207,8 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     let experiments =
         plan.experiments.iter().zip(&plan.played).filter(|(experiment, _)| experiment.controller.is_none());
     let driven = experiments.map(|(experiment, played)| (&experiment.spec, played));
-    for (spec, Played { program, samples, .. }) in plan.before.iter().map(|(spec, played)| (spec, played)).chain(driven)
-    {
+    let before = plan.before.iter().map(|(spec, played)| (spec, played));
+    for (spec, Played { program, samples, .. }) in before.chain(driven) {
         let (samples, seed) = (*samples, call.seed);
         let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed };
         let peak_um = 1e6 * open_loop_peak_m(&setup, program)?;

@@ -617,8 +617,7 @@ fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl 
 /// `leads` and one more, unless it is among them.
 fn and<'l>(leads: impl Iterator<Item = &'l Lead>, more: Option<&'l Lead>) -> Vec<&'l Lead> {
     let mut leads: Vec<&Lead> = leads.collect();
-    let is_new = |more: &&Lead| !leads.iter().any(|lead| std::ptr::eq(*lead, *more));
-    let more = more.filter(is_new);
+    let more = more.filter(|more| !leads.iter().any(|lead| std::ptr::eq(*lead, *more)));
     leads.extend(more);
     leads
 }

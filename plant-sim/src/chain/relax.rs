@@ -27,9 +27,8 @@ pub(super) fn relax(
     let mut sum = Moments::default();
     let (mut t, mut step) = (0.0, duration_s);
     let mut now = f(y, t);
-    let mut is_new = true;
     for tried in 0..MOST {
-        if is_new && let Some((end, moments)) = rest(y, t) {
+        if let Some((end, moments)) = rest(y, t) {
             sum.add(moments, t);
             return (end, sum);
         }
@@ -58,7 +57,6 @@ pub(super) fn relax(
         let estimate = (6.0 * tau * phi4 * c3).abs().max(of_missed);
         if estimate > tolerance && tau > shortest_s && tried + 1 < MOST {
             step = (tau * (0.9 * (tolerance / estimate).sqrt().sqrt()).max(0.1)).max(shortest_s);
-            is_new = false;
             continue;
         }
         let square = tau * tau;
@@ -77,15 +75,14 @@ pub(super) fn relax(
         }
         t += tau;
         step = tau * (0.9 * (tolerance / estimate.max(1e-30)).sqrt().sqrt()).clamp(0.2, 8.0);
-        (now, is_new) = (next, true);
+        now = next;
     }
     (y, sum)
 }
 
 /// phi_1 .. phi_6 of z and phi_1, phi_2 of half of it: phi_k(z) = sum of z^n / (n + k)!.
 fn phis(z: f64) -> ([f64; 6], [f64; 2]) {
-    let half = phis_of_half(0.5 * z);
-    let [h1, h2, h3, h4, h5, h6] = half;
+    let [h1, h2, h3, h4, h5, h6] = first_six(0.5 * z);
     // What grows from half the way to the whole: all terms are positive, so that nothing cancels.
     let grown = 1.0 + 0.5 * z * h1;
     let whole = [
@@ -99,7 +96,8 @@ fn phis(z: f64) -> ([f64; 6], [f64; 2]) {
     (whole, [h1, h2])
 }
 
-fn phis_of_half(z: f64) -> [f64; 6] {
+/// phi_1 .. phi_6 of z.
+fn first_six(z: f64) -> [f64; 6] {
     let mut phi = [0.0; 6];
     if z.abs() < 1.0 {
         phi[5] = sixth(z);

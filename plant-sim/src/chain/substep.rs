@@ -422,7 +422,8 @@ impl Laws {
     /// The speed at the sub-step's end and the way from `from_s` on, where singular friction is so steep that it bears the `load` (newton, slope,
     /// second derivative) at every instant, as a mass does that hardly creeps.
     fn creep(&self, v: f64, [start_n, slope, curve]: [f64; 3], [from_s, to_s]: [f64; 2]) -> Option<(f64, Moments)> {
-        let Creep { bears_n, by_v, .. } = self.creep.filter(|creep| v.abs() < creep.most_m_per_s)?;
+        let creep = self.creep.filter(|creep| v.abs() < creep.most_m_per_s)?;
+        let Creep { bears_n, by_v, .. } = creep;
         let left_s = to_s - from_s;
         let changes = (slope + from_s * curve).abs().max((slope + to_s * curve).abs());
         // It settles within m/by_v, in which the speed that balances the load moves by this.
@@ -437,17 +438,19 @@ impl Laws {
         }
         let (mut sum, mut end_m_per_s) = (Moments::default(), 0.0);
         for (share, weight) in nodes {
-            end_m_per_s = self.balance(load_n(from_s + share * left_s));
+            end_m_per_s = self.balance(creep, load_n(from_s + share * left_s));
             sum.add_node(share * left_s, weight * left_s, end_m_per_s);
         }
         Some((end_m_per_s, sum))
     }
 
     /// The speed at which friction and damper bear `load_n`: Newton's method between the logarithms, which friction keeps nearly straight.
-    fn balance(&self, load_n: f64) -> f64 {
-        let Some(creep) = self.creep.filter(|_| load_n != 0.0) else { return 0.0 };
+    fn balance(&self, from: Creep, load_n: f64) -> f64 {
+        if load_n == 0.0 {
+            return 0.0;
+        }
         let wanted_n = load_n.abs();
-        let mut v = creep.most_m_per_s * wanted_n / creep.bears_n;
+        let mut v = from.most_m_per_s * wanted_n / from.bears_n;
         for _ in 0..MOST_NEWTON {
             let [force_n, by_v] = self.resisting(v);
             let step = (wanted_n / force_n).ln() * force_n / (v * by_v);
