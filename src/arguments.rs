@@ -2,7 +2,7 @@
 
 mod boards;
 
-pub use boards::{BoardArguments, HilCall, RecordCall};
+pub use boards::{BoardArguments, BoardParametersCall, HilCall, RecordCall};
 
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
@@ -53,7 +53,7 @@ pub enum Command {
     Design(DesignCall),
     /// The thesis' tables and figures, printed beside recomputed, with its errata: writes a page
     Reproduce(ReproduceCall),
-    /// The flash image on the virtual board
+    /// The flash image on the virtual board, and what a board is set to
     #[command(subcommand)]
     Board(BoardCommand),
     /// The control code on a board against the simulated plant, sample by sample: writes a run directory
@@ -72,6 +72,8 @@ pub enum BoardCommand {
     Run(BoardRunCall),
     /// Open the image's line to a host, over TCP or as a serial port
     Serve(BoardServeCall),
+    /// What a board is set to: shown, changed, kept in its flash
+    Parameters(BoardParametersCall),
 }
 
 impl Command {
@@ -82,7 +84,7 @@ impl Command {
             Command::Replay(call) => Some((Some(&call.show), &call.out)),
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
-            Command::Board(BoardCommand::Serve(_)) => None,
+            Command::Board(BoardCommand::Serve(_) | BoardCommand::Parameters(_)) => None,
             Command::Reproduce(call) => Some((None, &call.out)),
             Command::Export(call) => Some((None, &call.out)),
             Command::Design(call) => Some((Some(&call.show), &call.out)),
@@ -106,6 +108,7 @@ impl Command {
                 [&call.image, &call.plant].into_iter().chain(call.drive.inputs()).map(PathBuf::as_path).collect()
             }
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
+            Command::Board(BoardCommand::Parameters(call)) => call.controller.iter().map(PathBuf::as_path).collect(),
             Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Export(call) => vec![&call.log],

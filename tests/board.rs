@@ -2,8 +2,7 @@
 
 mod support;
 
-use std::process::Command;
-use support::{Folder, PI1, PLANT, image, root, run};
+use support::{Folder, PI1, PLANT, column, image, json, run, served, stderr, stdout};
 
 #[test]
 fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {
@@ -99,20 +98,11 @@ fn wrong_calls_say_what_is_wrong() {
 
 #[test]
 fn a_host_on_tcp_greets_the_served_image_and_reads_its_parameters() {
-    use std::io::{BufRead, BufReader, Read, Write};
+    use std::io::{Read, Write};
     let Some(image) = image() else { return };
-    let arguments = ["board", "serve", &image, "--plant", PLANT, "--pace", "lockstep", "--seconds", "0.1"];
-    let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
-        .args(arguments)
-        .current_dir(root())
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut first = String::new();
-    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut first).unwrap();
-    let address = first.strip_prefix("serving at ").expect("an address").trim();
+    let (mut server, address) = served(&image, &["--pace", "lockstep", "--seconds", "0.1"]);
     assert!(address.starts_with("127.0.0.1:"), "{address}");
-    let mut line = std::net::TcpStream::connect(address).unwrap();
+    let mut line = std::net::TcpStream::connect(&address).unwrap();
     let (mut sender, mut receiver) = (wire::Sender::default(), wire::Receiver::new());
     let mut ask = |request: &wire::ToBoard<'_>| -> Option<wire::Parameters> {
         let mut frame = [0; wire::MAX_ENCODED_BYTES];
@@ -136,5 +126,62 @@ fn a_host_on_tcp_greets_the_served_image_and_reads_its_parameters() {
     assert_eq!(ask(&wire::ToBoard::GetParameters), Some(wire::Parameters::NUCLEO_PI1));
     // Each answer takes some of the 0.1 s that it is to run for: then it goes, with exit code 0.
     while ask(&wire::ToBoard::GetParameters).is_some() {}
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(server.0.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn a_calibration_is_checked_put_in_force_and_kept() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("board-parameters");
+    let (_server, place) = served(&image, &["--pace", "lockstep"]);
+    let at = format!("--board tcp:{place} --patience-ms 60000");
+    let parameters = |more: &str| run(&folder, &format!("board parameters {at} {more}"));
+    let shown = |more: &str| stdout(&parameters(more)).split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = shown("");
+    assert!(
+        said.contains("amplifier_v_per_v 62.068962 monitor_zero_v") && said.ends_with("nothing was changed"),
+        "{said}"
+    );
+
+    // With half the metres a volt the guard at 120 um would never act.
+    let half = "--set sensor_m_per_v=3.939394e-5";
+    let refused = [
+        (half.to_owned(), "trip_m lies beyond the sensor's range"),
+        ("--set amplifier_v_per_v=30".into(), "drive_min_v and drive_max_v must lie within -43.48"),
+        ("--set amplifier_v_per_v=nan".into(), "amplifier_v_per_v"),
+        ("--set monitor_samples=-1".into(), "a whole number from 0 to 65535 is needed"),
+        ("--set gain=2".into(), "no such parameter; there are rate_hz, kp_v_per_m"),
+        ("--set gain".into(), "NAME=VALUE"),
+    ];
+    for (more, words) in refused {
+        let output = parameters(&(more.clone() + " --save"));
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{more}: {said}");
+        assert!(said.contains(words) && said.lines().count() == 1, "{more}: {said}");
+    }
+    let untouched = json(&parameters("--json"));
+    assert_eq!(untouched["parameters"]["sensor_m_per_v"], 7.878788e-5);
+
+    // The set is judged as a whole, and what a log says of the same stage is half of it then.
+    let record = |out: &str| run(&folder, &format!("record {at} --spec hold:10V@0.05s --out @/{out}"));
+    assert!(record("a").status.success());
+    let set = json(&parameters(&format!(
+        "{half} --set trip_m=5e-5 --set reference_max_m=4e-5 --set link_timeout_s=inf --save --json"
+    )));
+    assert_eq!((&set["changed"], &set["saved"]), (&true.into(), &true.into()));
+    assert_eq!(set["parameters"]["link_timeout_s"], serde_json::Value::Null);
+    assert!(record("b").status.success());
+    let last = |out: &str| *column(&folder.read(&format!("{out}/log.csv")), "displacement_um").last().unwrap();
+    assert!((last("b") / last("a") - 0.5).abs() < 0.005, "{} {}", last("a"), last("b"));
+    // What was in force shows, and what becomes of it.
+    let said = shown("--set link_timeout_s=0.5");
+    assert!(said.contains("link_timeout_s 0.5, was inf in force") && said.ends_with("--save keeps them"), "{said}");
+}
+
+#[test]
+fn a_board_that_ends_with_the_call_has_no_parameters_to_keep() {
+    let folder = Folder::new("board-parameters-none");
+    let output = run(&folder, "board parameters --set trip_m=5e-5");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("--board serial:PATH"), "{}", stderr(&output));
 }

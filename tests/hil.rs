@@ -4,8 +4,11 @@ mod support;
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::process::{Child, Command, Stdio};
-use support::{Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, run_on_a_full_disk, stderr, stdout};
+use std::process::{Command, Stdio};
+use support::{
+    Folder, Kept, PI1, PLANT, hysteron, identity, image, impostor, root, run, run_on_a_full_disk, served, stderr,
+    stdout,
+};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")
@@ -74,16 +77,6 @@ fn a_reference_from_a_file_is_kept_with_the_run() {
     assert_eq!(folder.read("b/log.csv"), folder.read("a/log.csv"));
 }
 
-/// A process that does not outlive its test.
-struct Kept(Child);
-
-impl Drop for Kept {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 #[test]
 fn killed_in_the_middle_it_leaves_a_log_that_is_read() {
     let folder = Folder::new("hil-killed");
@@ -141,22 +134,15 @@ fn over_tcp_and_a_pseudo_terminal_the_virtual_board_gives_the_bits_of_the_law_in
     assert!(output.status.success(), "{}", stderr(&output));
     let law = folder.read("law/log.csv");
     assert_eq!(rows(&folder.read("virtual/log.csv")), rows(&law));
-    let mut kinds = vec![("tcp:", "--listen", "127.0.0.1:0")];
+    let mut kinds: Vec<(&str, &[&str])> = vec![("tcp", &["--pace", "lockstep"])];
     if cfg!(unix) {
-        kinds.push(("serial:", "--pty", ""));
+        kinds.push(("serial", &["--pace", "lockstep", "--pty"]));
     }
-    for (kind, option, value) in kinds {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
-        command.current_dir(root()).args(["board", "serve", &image, "--plant", PLANT, "--pace", "lockstep", option]);
-        command.args(Some(value).filter(|value| !value.is_empty())).stdout(Stdio::piped());
-        let mut server = Kept(command.spawn().expect("the command starts"));
-        let mut said = String::new();
-        let mut out = std::io::BufReader::new(server.0.stdout.take().expect("piped"));
-        std::io::BufRead::read_line(&mut out, &mut said).expect("where it serves");
-        let place = said.trim().strip_prefix("serving at ").expect("a place");
-        let output = run(&folder, &(short(&format!("{kind}{place}"), option) + " --patience-ms 60000"));
+    for (kind, more) in kinds {
+        let (_server, place) = served(&image, more);
+        let output = run(&folder, &(short(&format!("{kind}:{place}"), kind) + " --patience-ms 60000"));
         assert!(output.status.success(), "{}", stderr(&output));
-        assert_eq!(rows(&folder.read(&format!("{option}/log.csv"))), rows(&law), "{kind}");
+        assert_eq!(rows(&folder.read(&format!("{kind}/log.csv"))), rows(&law), "{kind}");
     }
 }
 

@@ -2,10 +2,10 @@
 
 mod support;
 
-use std::io::{BufRead, BufReader};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use support::{
-    Folder, PI1, PLANT, column, identity, image, impostor, json, root, run, run_on_a_full_disk, stderr, succeeded,
+    Folder, Kept, PI1, PLANT, column, identity, image, impostor, json, root, run, run_on_a_full_disk, served, stderr,
+    succeeded,
 };
 
 const PI2: &str = "controllers/pi2.toml";
@@ -16,16 +16,6 @@ fn parsed(text: &str) -> serde_json::Value {
 
 fn call(words: &str, out: &str) -> String {
     format!("record --board in-process --plant {PLANT} {words} --seed 7 --out @/{out}")
-}
-
-/// A process that does not outlive its test.
-struct Kept(Child);
-
-impl Drop for Kept {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 fn spawned(folder: &Folder, line: &str) -> Kept {
@@ -161,23 +151,11 @@ fn killed_in_the_middle_it_leaves_logs_that_are_read() {
     assert_eq!(parsed(&folder.read("run/run.json"))["seed"], 7);
 }
 
-/// A board behind TCP, in real time; its port.
-fn served(image: &str) -> (Kept, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
-    command.current_dir(root()).args(["board", "serve", image, "--plant", PLANT, "--listen", "127.0.0.1:0"]);
-    let mut server = Kept(command.stdout(Stdio::piped()).spawn().expect("the command starts"));
-    let mut said = String::new();
-    let mut out = BufReader::new(server.0.stdout.take().expect("piped"));
-    out.read_line(&mut said).expect("where it serves");
-    let place = said.trim().strip_prefix("serving at ").expect("a place").to_owned();
-    (server, place)
-}
-
 #[test]
 fn a_pulled_cable_is_one_line_and_leaves_what_was_recorded() {
     let Some(image) = image() else { return };
     let folder = Folder::new("record-cable");
-    let (server, place) = served(&image);
+    let (server, place) = served(&image, &[]);
     // What a board does whose host has gone is its own: the link's silence is a fault (virtual-board/tests/faults.rs).
     let line = format!("record --board tcp:{place} --spec sine:40V@10Hz/1000s --out @/run");
     let mut child = spawned(&folder, &line);

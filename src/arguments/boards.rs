@@ -110,6 +110,33 @@ pub struct RecordCall {
     pub json: bool,
 }
 
+#[derive(Args)]
+#[command(after_help = "Examples:
+  hysteron board parameters --board serial:/dev/ttyACM0
+  hysteron board parameters --board serial:/dev/ttyACM0 \\
+    --set amplifier_v_per_v=60.6 --set monitor_v_per_v=60.6 --save
+Without anything to set it shows what is in force. Volts and metres of a bench
+of your own: docs/wiring.md. All is checked together, here and by the board,
+which takes a calibration only while it is idle; what it refuses changes
+nothing. hil, record and serve put a controller's settings over the saved
+ones, and leave the calibration as it is.")]
+pub struct BoardParametersCall {
+    #[command(flatten)]
+    pub at: BoardArguments,
+    /// A parameter another, in its own unit; may be given several times. Infinity is inf
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub set: Vec<String>,
+    /// The law of a controller file, at the board's own rate
+    #[arg(long, value_name = "C.toml")]
+    pub controller: Option<PathBuf>,
+    /// Keep all that is then in force in the board's flash
+    #[arg(long)]
+    pub save: bool,
+    /// Print the outcome as JSON on standard output; infinity is null
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Where a board is, and how it is reached.
 #[derive(Args)]
 pub struct BoardArguments {

@@ -57,7 +57,6 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
 
 fn source(path: &Path) -> Result<Source, Failure> {
     let model = Model::read(path)?;
-    let bytes = std::fs::read(path)
-        .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))?;
+    let bytes = output::content(path)?;
     Ok(Source { name: output::file_name(path), bytes, model })
 }

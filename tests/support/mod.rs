@@ -7,10 +7,10 @@ mod flash_image;
 
 use std::ffi::OsStr;
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
 /// Of cases that each cost a diagnosis the first, or all with HYSTERON_LONG=1 (`cargo xtask long`).
 pub fn asked<T, const N: usize>(cases: [T; N]) -> impl Iterator<Item = T> {
@@ -81,6 +81,28 @@ impl Drop for Folder {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.0);
     }
+}
+
+/// A process that does not outlive its test.
+pub struct Kept(pub Child);
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// `board serve` with more arguments, and where a host finds the board.
+pub fn served(image: &str, more: &[&str]) -> (Kept, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+    command.current_dir(root()).args(["board", "serve", image, "--plant", PLANT]).args(more);
+    let mut server = Kept(command.stdout(Stdio::piped()).spawn().expect("the command starts"));
+    let mut said = String::new();
+    let mut out = BufReader::new(server.0.stdout.take().expect("piped"));
+    out.read_line(&mut said).expect("where it serves");
+    let place = said.trim().strip_prefix("serving at ").expect("a place").to_owned();
+    (server, place)
 }
 
 /// What the command printed on standard error.

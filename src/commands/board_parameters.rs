@@ -1,0 +1,94 @@
+//! `hysteron board parameters`: what a board is set to, shown, changed and kept in its flash.
+
+use crate::arguments::BoardParametersCall;
+use crate::commands::board;
+use crate::commands::link::{open, session};
+use crate::failure::Failure;
+use crate::output;
+use hil_bridge::link::Place;
+use hil_bridge::lockstep::LockstepError;
+use hil_bridge::run_directory::RunError;
+use serde_json::{Value, json};
+use toml::Table;
+use wire::{Parameters, ToBoard};
+
+/// Shows the parameters in force, after putting in force what was asked for.
+pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
+    if matches!(call.at.board, Place::InProcess | Place::Virtual) {
+        let ends = "such a board ends with this call: name another with --board serial:PATH or tcp:HOST:PORT";
+        return Err(Failure::call(ends));
+    }
+    // No bench is simulated here: a serial port and TCP need none.
+    let mut session = session(&call.at, open(&call.at, None, 0.0, 0, None)?);
+    let failed = |error| Failure::from(LockstepError::<RunError>::Session(error));
+    let found = session.greet().map_err(failed)?;
+    let before = session.parameters().map_err(failed)?;
+    let mut asked = before;
+    if let Some(path) = &call.controller {
+        asked = asked.with_settings(&board::settings(path, f64::from(before.rate_hz))?);
+    }
+    for setting in &call.set {
+        asked = changed(&asked, setting).map_err(|why| Failure::call(format!("--set {setting}: {why}")))?;
+    }
+    if asked != before {
+        asked.check(&found.converters).map_err(LockstepError::<RunError>::Parameters)?;
+        session.order(&ToBoard::SetParameters(asked)).map_err(failed)?;
+    }
+    if call.save {
+        session.order(&ToBoard::SaveParameters).map_err(failed)?;
+    }
+    let after = session.parameters().map_err(failed)?;
+    if call.json {
+        let value = json!({
+            "board": found.board,
+            "firmware": found.firmware,
+            "changed": after != before,
+            "saved": call.save,
+            "parameters": json_of(&after),
+        });
+        output::line(&value.to_string());
+        return Ok(());
+    }
+    output::facts(&[("board".into(), format!("{}, firmware {}", found.board, found.firmware))]);
+    output::facts(&lines(&before, &after));
+    output::line(match (call.save, after != before) {
+        (true, _) => "saved: the board starts with these from now on",
+        (false, true) => "in force until the board is reset: --save keeps them",
+        (false, false) => "nothing was changed",
+    });
+    Ok(())
+}
+
+/// One parameter another, by `NAME=VALUE`.
+fn changed(parameters: &Parameters, setting: &str) -> Result<Parameters, String> {
+    let (name, value) = setting.split_once('=').ok_or("it is to be NAME=VALUE")?;
+    let mut table = Table::try_from(parameters).map_err(|error| error.to_string())?;
+    let names = || lines(parameters, parameters).into_iter().map(|(name, _)| name).collect::<Vec<_>>().join(", ");
+    let place = table.get_mut(name).ok_or_else(|| format!("no such parameter; there are {}", names()))?;
+    *place = if place.is_integer() {
+        let whole: u16 = value.parse().map_err(|_| "a whole number from 0 to 65535 is needed")?;
+        toml::Value::from(u32::from(whole))
+    } else {
+        let real: f32 = value.parse().map_err(|_| "a number is needed, or inf")?;
+        toml::Value::from(real)
+    };
+    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+}
+
+/// Each parameter with its value, and what that was, in their own order and the shortest decimals that mean the board's 32 bits.
+fn lines(before: &Parameters, after: &Parameters) -> Vec<(String, String)> {
+    let text = |parameters| toml::to_string(parameters).unwrap_or_default();
+    let (old, new) = (text(before), text(after));
+    let named = |line: &str| line.split_once(" = ").map(|(name, value)| (name.to_owned(), value.to_owned()));
+    let pairs = old.lines().zip(new.lines()).filter_map(|(old, new)| {
+        let ((_, old), (name, new)) = (named(old)?, named(new)?);
+        Some((name, if old == new { new } else { format!("{new}, was {old}") }))
+    });
+    pairs.collect()
+}
+
+/// By way of its text, so that numbers keep the decimals of 32 bits; infinity is null.
+fn json_of(parameters: &Parameters) -> Value {
+    let text = serde_json::to_string(parameters).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
