@@ -2,7 +2,7 @@
 
 mod boards;
 
-pub use boards::{BoardArguments, BoardParametersCall, HilCall, RecordCall};
+pub use boards::{BoardArguments, BoardParametersCall, BoardStopCall, HilCall, RecordCall};
 
 use clap::{Args, Parser, Subcommand};
 use gap_diagnosis::identify::Hysterons;
@@ -53,7 +53,7 @@ pub enum Command {
     Design(DesignCall),
     /// The thesis' tables and figures, printed beside recomputed, with its errata: writes a page
     Reproduce(ReproduceCall),
-    /// The flash image on the virtual board, and what a board is set to
+    /// The flash image on the virtual board; what a board is set to; its stop
     #[command(subcommand)]
     Board(BoardCommand),
     /// The control code on a board against the simulated plant, sample by sample: writes a run directory
@@ -74,6 +74,8 @@ pub enum BoardCommand {
     Serve(BoardServeCall),
     /// What a board is set to: shown, changed, kept in its flash
     Parameters(BoardParametersCall),
+    /// Stop a board that drives its own pins
+    Stop(BoardStopCall),
 }
 
 impl Command {
@@ -84,7 +86,7 @@ impl Command {
             Command::Replay(call) => Some((Some(&call.show), &call.out)),
             Command::Identify(call) => Some((Some(&call.show), &call.out)),
             Command::Board(BoardCommand::Run(call)) => Some((None, &call.out)),
-            Command::Board(BoardCommand::Serve(_) | BoardCommand::Parameters(_)) => None,
+            Command::Board(BoardCommand::Serve(_) | BoardCommand::Parameters(_) | BoardCommand::Stop(_)) => None,
             Command::Reproduce(call) => Some((None, &call.out)),
             Command::Export(call) => Some((None, &call.out)),
             Command::Design(call) => Some((Some(&call.show), &call.out)),
@@ -109,6 +111,7 @@ impl Command {
             }
             Command::Board(BoardCommand::Serve(call)) => vec![&call.image, &call.plant],
             Command::Board(BoardCommand::Parameters(call)) => call.controller.iter().map(PathBuf::as_path).collect(),
+            Command::Board(BoardCommand::Stop(_)) => Vec::new(),
             Command::Design(call) => [&call.plant].into_iter().chain(&call.controller).map(PathBuf::as_path).collect(),
             Command::Replay(call) => vec![&call.plant, &call.log],
             Command::Export(call) => vec![&call.log],

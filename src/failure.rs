@@ -202,6 +202,7 @@ impl From<DiagnoseError> for Failure {
     fn from(error: DiagnoseError) -> Self {
         let code = match error {
             DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } | DiagnoseError::ClosedLoop { .. } => WRONG_CALL,
+            DiagnoseError::TooFewRows { run_in_s, .. } if run_in_s > 0.0 => WRONG_CALL,
             _ => BAD_FILE,
         };
         Self { code, message: error.to_string() }

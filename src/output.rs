@@ -91,6 +91,11 @@ pub fn content(path: &Path) -> Result<Vec<u8>, Failure> {
         .map_err(|error| Failure::file(format!("{}: cannot be read: {error}; check the name", path.display())))
 }
 
+/// A file's name and bytes.
+pub fn named(path: &Path) -> Result<(String, Vec<u8>), Failure> {
+    Ok((file_name(path), content(path)?))
+}
+
 /// Whether `path` is there and is neither a file nor a directory.
 fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())

@@ -410,6 +410,12 @@ fn wrong_numbers() {
         2,
         "good.csv: 0 rows are left after a run-in of 5 s; at least 16 are needed: shorten --run-in",
     );
+    // Without a start to fit either.
+    bench.refused(
+        &format!("replay --plant {PLANT} @/good.csv --initial relaxed --run-in 5 --out @/out.csv"),
+        2,
+        "good.csv: 0 rows are left after a run-in of 5 s; at least 16 are needed: shorten --run-in",
+    );
 }
 
 #[test]

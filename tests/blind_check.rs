@@ -184,6 +184,11 @@ fn verify_finds_what_was_changed() {
     let answered = answered.expect("an answer");
     let answer = format!("out/cases/{answered}/diagnosis.json");
     refused(&answer, &|text| text.replace("1.0", "0.9999"), "the answers are there as they were written");
+    // One that is gone is as little what was written, whatever the score says.
+    let before = folder.read(&answer);
+    fs::remove_file(folder.path(&answer)).expect("there");
+    assert!(stdout(&verify()).contains("the answers are there as they were written: NO\n"));
+    folder.write(&answer, before);
     let truth = format!("out/sealed/truths/{answered}.json");
     refused(
         &truth,
@@ -223,6 +228,12 @@ fn measured_logs_are_scored_when_their_labels_come() {
              [[group]]\nid = \"filter-in\"\nlogs = [\"in.csv\"]\n[[group]]\nid = \"filter-out\"\nlogs = [\"out.csv\"]\n"
         )
     };
+    // Two of one name would have one answer.
+    folder.write("twins.toml", manifest(LABELS_SHA256).replace("filter-out", "filter-in"));
+    let output = check(&folder, "--manifest @/twins.toml --out @/twins");
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("two groups are called \"filter-in\""), "{}", stderr(&output));
+
     folder.write("manifest.toml", manifest(LABELS_SHA256));
     let call = "--manifest @/manifest.toml --out @/out";
     let output = check(&folder, call);

@@ -2,7 +2,7 @@
 
 mod support;
 
-use support::{Folder, PI1, PLANT, column, image, json, run, served, stderr, stdout};
+use support::{Folder, PI1, PLANT, column, image, json, root, run, served, spawned, stderr, stdout, succeeded};
 
 #[test]
 fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {
@@ -173,15 +173,68 @@ fn a_calibration_is_checked_put_in_force_and_kept() {
     assert!(record("b").status.success());
     let last = |out: &str| *column(&folder.read(&format!("{out}/log.csv")), "displacement_um").last().unwrap();
     assert!((last("b") / last("a") - 0.5).abs() < 0.005, "{} {}", last("a"), last("b"));
+    // The example of docs/wiring.md is one that a board of these defaults takes, once its sensor is the one it was.
+    let wiring = std::fs::read_to_string(root().join("docs/wiring.md")).expect("ours");
+    let example =
+        wiring.lines().find_map(|line| line.strip_prefix("hysteron board parameters --board serial:/dev/ttyACM0"));
+    let set = json(&parameters(&format!("{} --json", example.expect("an example"))));
+    assert_eq!((&set["saved"], &set["parameters"]["amplifier_v_per_v"]), (&true.into(), &69.0.into()));
     // What was in force shows, and what becomes of it.
     let said = shown("--set link_timeout_s=0.5");
     assert!(said.contains("link_timeout_s 0.5, was inf in force") && said.ends_with("--save keeps them"), "{said}");
 }
 
 #[test]
-fn a_board_that_ends_with_the_call_has_no_parameters_to_keep() {
+fn a_board_that_ends_with_the_call_has_nothing_to_keep_and_nothing_to_stop() {
     let folder = Folder::new("board-parameters-none");
-    let output = run(&folder, "board parameters --set trip_m=5e-5");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("--board serial:PATH"), "{}", stderr(&output));
+    for line in ["board parameters --set trip_m=5e-5", "board stop"] {
+        let output = run(&folder, line);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("--board serial:PATH"), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_board_that_was_left_running_is_stopped_and_leaves_its_fault() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("board-stop");
+    // In real time: it goes on while nobody asks.
+    let (_server, place) = served(&image, &[]);
+    let at = format!("--board tcp:{place}");
+    let ask = |line: &str| run(&folder, &line.replace("AT", &at));
+    succeeded(&ask("board parameters AT --set link_timeout_s=inf"));
+    // A host that is killed while its board drives.
+    let left_running = |out: &str| {
+        let mut host = spawned(&folder, &format!("record {at} --spec hold:10V@1000s --out @/{out}"));
+        while !folder.path(out).join("log.csv").metadata().is_ok_and(|found| found.len() > 30_000) {
+            assert!(host.0.try_wait().expect("a child").is_none(), "it ended by itself");
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+    };
+    left_running("gone");
+    // Nothing is changed under it, and who would use it is told what to do.
+    for line in ["board parameters AT --set kp_v_per_m=8e5 --save", "record AT --spec hold:1V@0.1s --out @/b"] {
+        let output = ask(line);
+        assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
+        assert!(stderr(&output).contains("running, driving its own pins: stop it first (`hysteron board stop`)"));
+    }
+    assert_eq!(json(&ask("board parameters AT --json"))["parameters"]["kp_v_per_m"], 858110.0);
+    assert!(stdout(&ask("board stop AT")).contains("idle, at 0 V"));
+    succeeded(&ask("board parameters AT --set link_timeout_s=0.25"));
+
+    // With its host it falls silent now, which is a fault.
+    left_running("silent");
+    let said = loop {
+        // Whoever asks is heard, too.
+        std::thread::sleep(std::time::Duration::from_secs(2));
+        let output = ask("board parameters AT --set kp_v_per_m=8e5");
+        if stderr(&output).contains("fault") {
+            break stderr(&output);
+        }
+        assert!(stderr(&output).contains("driving its own pins"), "{}", stderr(&output));
+    };
+    assert!(said.contains("link loss") && said.contains("--clear-fault"), "{said}");
+    assert!(stderr(&ask("board stop AT")).contains("link loss"));
+    succeeded(&ask("board parameters AT --set kp_v_per_m=8e5 --clear-fault"));
+    succeeded(&ask("record AT --spec hold:1V@0.1s --out @/after"));
 }

@@ -564,7 +564,7 @@ fn what_cannot_be_diagnosed_is_refused_in_one_line() {
         ("--plant P @/inverted.csv --out @/out", 3, "turn their sign with --scale"),
         ("--plant P @/still.csv --out @/out", 3, "still.csv: the command never changes"),
         ("--plant P @/short.csv --out @/out", 3, "short.csv: 40 rows are left after a run-in of 0 s"),
-        ("--plant P @/good.csv --run-in 0.3 --out @/out", 3, "good.csv: 100 rows are left after a run-in of 0.3 s"),
+        ("--plant P @/good.csv --run-in 0.3 --out @/out", 2, "good.csv: 100 rows are left after a run-in of 0.3 s"),
         ("--plant P @/good.csv --without crep --out @/out", 2, "did you mean \"creep\""),
         ("--plant P @/good.csv --out @/file", 2, "is not a directory; name one with --out"),
         ("--plant P @/good.csv --out @/none/out", 2, "is not there; make it or name another with --out"),

@@ -43,6 +43,8 @@ fn a_run_directory_holds_what_a_repetition_needs_and_repeats_from_it() {
     let (facts, link) = (json(&folder.read("a/run.json")), json(&folder.read("a/link.json")));
     assert_eq!((&facts["schema"], &facts["seed"]), (&"hysteron-run-1".into(), &7.into()));
     assert_eq!((&facts["reference"], &facts["samples"]), (&"step:80um".into(), &1000.into()));
+    let set_to = &facts["parameters"];
+    assert_eq!((&set_to["kp_v_per_m"], &set_to["adc_zero_v"]), (&858_110.0.into(), &1.65.into()));
     assert_eq!((&link["rows"], &link["lost"], &link["is_complete"]), (&1000.into(), &0.into(), &true.into()));
     assert_eq!((&link["fault"], &link["round_trips"].as_u64().map(|n| n >= 1000)), (&"none".into(), &Some(true)));
 
@@ -133,6 +135,8 @@ fn over_tcp_and_a_pseudo_terminal_the_virtual_board_gives_the_bits_of_the_law_in
     let output = run(&folder, &(short("virtual", "virtual") + &format!(" --image {image}")));
     assert!(output.status.success(), "{}", stderr(&output));
     let law = folder.read("law/log.csv");
+    let of_image = |out: &str| json(&folder.read(&format!("{out}/run.json")))["image"]["file"].clone();
+    assert_eq!((of_image("virtual"), of_image("law")), ("nucleo-g474re".into(), serde_json::Value::Null));
     assert_eq!(rows(&folder.read("virtual/log.csv")), rows(&law));
     let mut kinds: Vec<(&str, &[&str])> = vec![("tcp", &["--pace", "lockstep"])];
     if cfg!(unix) {

@@ -2,10 +2,9 @@
 
 mod support;
 
-use std::process::{Command, Stdio};
 use support::{
-    Folder, Kept, PI1, PLANT, column, identity, image, impostor, json, root, run, run_on_a_full_disk, served, stderr,
-    succeeded,
+    Folder, PI1, PLANT, column, identity, image, impostor, json, root, run, run_on_a_full_disk, served, spawned,
+    stderr, succeeded,
 };
 
 const PI2: &str = "controllers/pi2.toml";
@@ -16,12 +15,6 @@ fn parsed(text: &str) -> serde_json::Value {
 
 fn call(words: &str, out: &str) -> String {
     format!("record --board in-process --plant {PLANT} {words} --seed 7 --out @/{out}")
-}
-
-fn spawned(folder: &Folder, line: &str) -> Kept {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
-    command.current_dir(root()).args(line.split_whitespace().map(|word| folder.fill_in(word)));
-    Kept(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts"))
 }
 
 #[test]
@@ -222,6 +215,17 @@ fn a_full_disk_ends_it_in_one_line() {
 }
 
 #[test]
+fn a_plant_that_does_not_say_what_its_stage_stands_is_told_so() {
+    let folder = Folder::new("record-no-rig");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    let (plant, _) = plant.split_once("[rig]").expect("its last section");
+    folder.write("plant.toml", plant);
+    let output = run(&folder, &call("--spec hold:1V@0.01s", "run").replace(PLANT, "@/plant.toml"));
+    assert!(succeeded(&output).contains("--plant has no [rig]"), "{}", stderr(&output));
+    assert!(!succeeded(&run(&folder, &call("--spec hold:1V@0.01s", "b"))).contains("[rig]"));
+}
+
+#[test]
 fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
     let folder = Folder::new("record-bad");
     std::fs::create_dir(folder.path("full")).expect("a folder");
@@ -282,7 +286,8 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
         (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
         (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),
-        (good.clone() + " --size 2", 2, "must not be greater than 1"),
+        (good.clone() + " --size 0.5", 2, "cannot be used with"),
+        (call("--set diagnosis --size 2", "run"), 2, "must not be greater than 1"),
         (good.replace(PLANT, "@/none.toml"), 3, "none.toml"),
         (good.replace("@/run", "@/full"), 2, "full: holds files already"),
         (good.replace("@/run", "@/plain.txt"), 2, "plain.txt: cannot be written"),

@@ -56,6 +56,7 @@ impl Recorder {
         let facts = Facts {
             place: subject.place,
             ready,
+            image: None,
             plant: subject.plant,
             controller: ("controller.toml", controller.as_bytes()),
             reference: subject.spec,

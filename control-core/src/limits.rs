@@ -105,7 +105,7 @@ impl core::ops::BitOrAssign for Limits {
     }
 }
 
-/// Words joined by `+`, as they stand in a log; empty for [`Limits::NONE`].
+/// Words joined by `+`, for people (a log has the byte); empty for [`Limits::NONE`].
 impl fmt::Display for Limits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, word) in self.words().enumerate() {

@@ -22,7 +22,7 @@ pub enum LockstepError<E> {
     Session(#[from] SessionError),
     #[error("the board refuses: {0}")]
     Parameters(ParameterError),
-    #[error("the board is {mode}, driving its own pins: stop it there first")]
+    #[error("the board is {mode}, driving its own pins: stop it first (`hysteron board stop`)")]
     Busy { mode: &'static str },
     #[error("the board is in a fault, {fault}: see to its cause, then repeat the call with --clear-fault")]
     InFault { fault: String },
@@ -131,11 +131,7 @@ pub fn prepare_task<L: Link, E>(
     task: &Task<'_>,
     clear_fault: bool,
 ) -> Result<Ready, LockstepError<E>> {
-    let board = session.greet()?;
-    let status = session.status()?;
-    if status.mode != ModeName::Idle as u8 {
-        free(session, &board, &status, clear_fault)?;
-    }
+    let board = idle(session, clear_fault)?;
     let parameters = session.parameters()?;
     let parameters = match task.settings {
         Some(settings) => parameters.with_settings(settings),
@@ -153,12 +149,8 @@ pub fn prepare_task<L: Link, E>(
 ///
 /// # Errors
 /// [`LockstepError`]; nothing has moved then.
-pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32) -> Result<Board, LockstepError<E>> {
-    let board = session.greet()?;
-    let status = session.status()?;
-    if status.mode != ModeName::Idle as u8 {
-        free(session, &board, &status, false)?;
-    }
+pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32, clear_fault: bool) -> Result<Board, LockstepError<E>> {
+    let board = idle(session, clear_fault)?;
     let checked = session.parameters()?.check(&board.converters).map_err(LockstepError::Parameters)?;
     session.order(&ToBoard::Input(InputSource::Bridge))?;
     let AdcCode(zero) = checked.calibration.adc_code(0.0);
@@ -167,6 +159,19 @@ pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32) -> Result<Board
         session.exchange(zero, monitor)?;
     }
     session.order(&ToBoard::Input(InputSource::Analog))?;
+    Ok(board)
+}
+
+/// The handshake with a board that is idle then: out of a run over the bridge that its host did not end, and out of a fault, if that is allowed.
+///
+/// # Errors
+/// [`LockstepError`]; one that drives its own pins goes on.
+pub fn idle<L: Link, E>(session: &mut Session<L>, clear_fault: bool) -> Result<Board, LockstepError<E>> {
+    let board = session.greet()?;
+    let status = session.status()?;
+    if status.mode != ModeName::Idle as u8 {
+        free(session, &board, &status, clear_fault)?;
+    }
     Ok(board)
 }
 

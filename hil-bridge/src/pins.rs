@@ -155,8 +155,11 @@ impl Record<'_> {
     }
 }
 
-/// Stops the loop, waits for 0 V and ends the stream.
-fn leave<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
+/// Stops the loop and waits for 0 V: the board is idle then, or in its fault.
+///
+/// # Errors
+/// [`SessionError`].
+pub fn stop<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
     let is_at_rest = |mode: u8| mode == ModeName::Idle as u8 || mode == ModeName::Fault as u8;
     if !is_at_rest(session.status()?.mode) {
         session.stop()?;
@@ -166,6 +169,12 @@ fn leave<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
         // The bench's time passes meanwhile, on a simulated board too.
         session.next_block(LOOK)?;
     }
+    Ok(())
+}
+
+/// Stops the loop, waits for 0 V and ends the stream.
+fn leave<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
+    stop(session)?;
     session.stop_stream()
 }
 

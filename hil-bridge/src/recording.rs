@@ -2,7 +2,7 @@
 //!
 //! | file | what | written |
 //! | --- | --- | --- |
-//! | `run.json` | board, firmware, rate, seed, experiments, hashes: what a repetition needs | before the first sample |
+//! | `run.json` | board, firmware, rate, seed, experiments with what the board is set to, hashes: what a repetition needs | before the first sample |
 //! | `plant.toml`, `controller-NAME`, `reference-NAME` | files that were read, byte for byte | before the first sample |
 //! | `log.csv`, or `NN-NAME.csv` where there are several | an experiment each, as the converters had it | row by row; handed over every 256 rows or half a second |
 //! | `link.json` | the link's statistics, and of every log its rows, losses and end | every second, and behind every experiment |
@@ -10,13 +10,16 @@
 use crate::experiments::Experiment;
 use crate::link::Place;
 use crate::lockstep::{Outcome, Ready, Row};
-use crate::run_directory::{Growing, RunError, STATE, check_place, file_json, meta, unwritable, write, write_json};
+use crate::run_directory::{
+    Growing, RunError, STATE, check_place, file_json, meta, parameters_json, unwritable, write, write_json,
+};
 use crate::session::Board;
 use crate::statistics::Statistics;
 use plant_sim::log::Column;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use wire::Parameters;
 
 /// What a recording is made from. Files are names and contents.
 #[derive(Clone, Debug)]
@@ -37,6 +40,8 @@ pub struct Facts<'a> {
     pub experiments: &'a [Experiment],
     /// Length of each, in samples.
     pub samples: &'a [usize],
+    /// What the board is set to in each.
+    pub parameters: &'a [Parameters],
     /// Name of the set that they are, if they are one.
     pub set: Option<&'a str>,
     /// What is played before each, a SPEC.
@@ -225,12 +230,14 @@ fn run_json(facts: &Facts<'_>, names: &[String]) -> Value {
     let files = |files: &[(String, Vec<u8>)]| -> Vec<Value> {
         files.iter().map(|(name, content)| file_json(name, content)).collect()
     };
-    let experiment = |((experiment, log), samples): ((&Experiment, &String), &usize)| {
+    let experiment = |k: usize| {
+        let one = &facts.experiments[k];
         json!({
-            "log": log,
-            "spec": experiment.spec,
-            "controller": experiment.controller.map(|index| facts.controllers[index].0.as_str()),
-            "samples": samples,
+            "log": names[k],
+            "spec": one.spec,
+            "controller": one.controller.map(|index| facts.controllers[index].0.as_str()),
+            "samples": facts.samples[k],
+            "parameters": parameters_json(&facts.parameters[k]),
         })
     };
     json!({
@@ -248,7 +255,7 @@ fn run_json(facts: &Facts<'_>, names: &[String]) -> Value {
         "reference_files": files(facts.reference_files),
         "set": facts.set,
         "before_each": facts.before,
-        "experiments": facts.experiments.iter().zip(names).zip(facts.samples).map(experiment).collect::<Vec<_>>(),
+        "experiments": (0..names.len()).map(experiment).collect::<Vec<_>>(),
         "rate_hz": facts.rate_hz,
         "seed": facts.seed,
     })

@@ -2,7 +2,7 @@
 //!
 //! | file | what | written |
 //! | --- | --- | --- |
-//! | `run.json` | board, firmware, rate, seeds, reference, hashes: what a repetition needs | before the first sample |
+//! | `run.json` | board, firmware, what it is set to, rate, seeds, reference, hashes: what a repetition needs | before the first sample |
 //! | `plant.toml`, `controller.toml` | the files as they were, byte for byte | before the first sample |
 //! | `reference-NAME` | the files that the reference's SPEC plays, likewise | before the first sample |
 //! | `log.csv` | the samples, as the converters had them | row by row; handed over every 256 rows or half a second |
@@ -18,6 +18,7 @@ use sha2::{Digest, Sha256};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use wire::Parameters;
 
 /// Rows between two hand-overs: 25 KB, less than the writer's buffer, so that only a kill in the middle of one cuts a row in two.
 const ROWS: usize = 256;
@@ -45,6 +46,8 @@ pub struct Facts<'a> {
     pub place: &'a Place,
     /// The board.
     pub ready: &'a Ready,
+    /// Name and content of the flash image, if it is a file here.
+    pub image: Option<(&'a str, &'a [u8])>,
     /// Name and content of the plant's file.
     pub plant: (&'a str, &'a [u8]),
     /// Name and content of the controller's file.
@@ -228,6 +231,13 @@ pub(crate) fn meta(ready: &Ready, rate_hz: f64, seed: u64) -> Meta {
     meta
 }
 
+/// What a board is set to as JSON, its numbers in the decimals of their 32 bits; infinity is null.
+pub fn parameters_json(parameters: &Parameters) -> Value {
+    // By way of its text: as numbers of 64 bits they would have all the digits of these.
+    let text = serde_json::to_string(parameters).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
 /// A file as `run.json` names it.
 pub(crate) fn file_json(name: &str, content: &[u8]) -> Value {
     json!({ "file": name, "sha256": sha256(content) })
@@ -243,6 +253,8 @@ fn json(facts: &Facts<'_>) -> Value {
         "link_faults": facts.link_faults.map(|(faults, seed)| json!({ "shares": faults, "seed": seed })),
         "board": facts.ready.board.board,
         "firmware": facts.ready.board.firmware,
+        "image": facts.image.map(file),
+        "parameters": parameters_json(&facts.ready.parameters),
         "wire_version": wire::VERSION,
         "plant": file(facts.plant),
         "controller": file(facts.controller),

@@ -41,7 +41,7 @@ pub struct HilCall {
     #[arg(long, value_name = "RUNDIR", required_unless_present = "probe_link")]
     pub out: Option<PathBuf>,
     /// Only measure the link: 10,000 samples to a board that stays idle
-    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "clear_fault", "paced"])]
+    #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "paced"])]
     pub probe_link: bool,
     /// In real time: refused beyond 1 / (2 x the 99.9 % round trip), which is measured first; the drive acts half a sample late
     #[arg(long)]
@@ -79,7 +79,7 @@ pub struct RecordCall {
     #[arg(long, value_name = "SET", conflicts_with = "spec")]
     pub set: Option<Set>,
     /// Every amplitude of a set times this
-    #[arg(long, value_name = "SHARE", default_value = "1", value_parser = share, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE", default_value = "1", conflicts_with = "spec", value_parser = share, allow_negative_numbers = true)]
     pub size: f64,
     /// Controller, a controller file, for what is a reference; may be given several times
     #[arg(long, value_name = "C.toml")]
@@ -114,12 +114,12 @@ pub struct RecordCall {
 #[command(after_help = "Examples:
   hysteron board parameters --board serial:/dev/ttyACM0
   hysteron board parameters --board serial:/dev/ttyACM0 \\
-    --set amplifier_v_per_v=60.6 --set monitor_v_per_v=60.6 --save
-Without anything to set it shows what is in force. Volts and metres of a bench
-of your own: docs/wiring.md. All is checked together, here and by the board,
-which takes a calibration only while it is idle; what it refuses changes
-nothing. hil, record and serve put a controller's settings over the saved
-ones, and leave the calibration as it is.")]
+    --set amplifier_v_per_v=69 --set monitor_v_per_v=69 --save
+Without anything to change it shows what is in force. Volts and metres of a
+bench of your own: docs/wiring.md. What is set is checked as a whole, and only
+an idle board takes it: what is refused changes nothing. hil, record and serve
+put a controller's settings over these, its limits too, and leave the
+calibration as it is.")]
 pub struct BoardParametersCall {
     #[command(flatten)]
     pub at: BoardArguments,
@@ -132,9 +132,26 @@ pub struct BoardParametersCall {
     /// Keep all that is then in force in the board's flash
     #[arg(long)]
     pub save: bool,
+    /// Leave a fault that the board is in
+    #[arg(long)]
+    pub clear_fault: bool,
     /// Print the outcome as JSON on standard output; infinity is null
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+#[command(after_help = "Example:
+  hysteron board stop --board serial:/dev/ttyACM0
+Takes the drive to 0 V as the board's own ramp does, and the amplifier's enable
+off: for a board whose host has gone and that was told to wait for none
+(link_timeout_s = inf). The safety of a bench is its wired stop.")]
+pub struct BoardStopCall {
+    #[command(flatten)]
+    pub at: BoardArguments,
+    /// Leave a fault that the board is in, or comes to
+    #[arg(long)]
+    pub clear_fault: bool,
 }
 
 /// Where a board is, and how it is reached.

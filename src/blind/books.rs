@@ -11,6 +11,7 @@ use gap_diagnosis::page::four_digits;
 use gap_diagnosis::score::{Case, PageView, Rate, Score, Truth, score, score_page};
 use serde_json::{Value, json};
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Failures whose own reports are kept.
@@ -132,7 +133,13 @@ pub fn book(path: &Path, order: &Order, score: &Score, provenance: &Value) -> Re
         text("answers_sha256"),
     ];
     let line = line.join(",") + "\n";
-    let before = fs::read_to_string(path).unwrap_or_default();
+    let before = match fs::read_to_string(path) {
+        // What can't be read is somebody's book all the same.
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            return Err(Failure::file(format!("{}: cannot be read: {error}; mend or move it", path.display())));
+        }
+        found => found.unwrap_or_default(),
+    };
     if before.contains(&line) {
         return Ok(());
     }

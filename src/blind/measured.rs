@@ -64,6 +64,11 @@ pub fn measured(store: &Store, manifest: &Path, program: &Path, jobs: usize) -> 
     let beside = |path: &Path| manifest.parent().unwrap_or(Path::new("")).join(path);
     // An identifier that tells nothing, whatever a group is called.
     let id = |group: &Group| sha256(format!("{} {}", found.labels.sha256, group.id).as_bytes())[..12].to_owned();
+    if let Some(twin) =
+        (1..found.group.len()).find(|&i| found.group[..i].iter().any(|other| other.id == found.group[i].id))
+    {
+        return Err(said(&format!("two groups are called {:?}: rename one", found.group[twin].id)));
+    }
     store.settle("manifest.toml", &text)?;
     store.settle("seal.txt", &format!("{}  {}\n", found.labels.sha256, found.labels.file.display()))?;
     output::line(&format!("labels of {} groups, sealed by sha256 {}", found.group.len(), found.labels.sha256));

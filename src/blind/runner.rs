@@ -17,7 +17,8 @@ use std::time::{Duration, Instant};
 pub const PLANT: &str = "nominal.toml";
 /// Says that a case is done; written last.
 const DONE: &str = "run.json";
-const ANSWER: &str = "diagnosis.json";
+/// What a case was answered with.
+pub const ANSWER: &str = "diagnosis.json";
 /// Page of a case.
 pub const REPORT: &str = "report.html";
 /// A diagnosis that takes longer than this has failed, and how often it is asked.

@@ -16,6 +16,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The directory of a run.
@@ -60,7 +61,8 @@ impl Store {
                 "{}: belongs to another run; name another directory with --out",
                 path.display()
             ))),
-            Err(_) => write(&path, text.as_bytes()),
+            Err(error) if error.kind() == ErrorKind::NotFound => write(&path, text.as_bytes()),
+            Err(error) => Err(Failure::file(format!("{}: cannot be read: {error}", path.display()))),
         }
     }
 }

@@ -2,26 +2,22 @@
 
 use crate::arguments::BoardParametersCall;
 use crate::commands::board;
-use crate::commands::link::{open, session};
+use crate::commands::link::standing;
 use crate::failure::Failure;
 use crate::output;
-use hil_bridge::link::Place;
-use hil_bridge::lockstep::LockstepError;
-use hil_bridge::run_directory::RunError;
-use serde_json::{Value, json};
+use hil_bridge::lockstep::{LockstepError, idle};
+use hil_bridge::run_directory::{RunError, parameters_json};
+use serde_json::json;
 use toml::Table;
 use wire::{Parameters, ToBoard};
 
 /// Shows the parameters in force, after putting in force what was asked for.
 pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
-    if matches!(call.at.board, Place::InProcess | Place::Virtual) {
-        let ends = "such a board ends with this call: name another with --board serial:PATH or tcp:HOST:PORT";
-        return Err(Failure::call(ends));
-    }
-    // No bench is simulated here: a serial port and TCP need none.
-    let mut session = session(&call.at, open(&call.at, None, 0.0, 0, None)?);
+    let mut session = standing(&call.at)?;
     let failed = |error| Failure::from(LockstepError::<RunError>::Session(error));
-    let found = session.greet().map_err(failed)?;
+    let is_shown = call.set.is_empty() && call.controller.is_none() && !call.save && !call.clear_fault;
+    let found =
+        if is_shown { session.greet().map_err(failed)? } else { idle::<_, RunError>(&mut session, call.clear_fault)? };
     let before = session.parameters().map_err(failed)?;
     let mut asked = before;
     if let Some(path) = &call.controller {
@@ -44,7 +40,7 @@ pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
             "firmware": found.firmware,
             "changed": after != before,
             "saved": call.save,
-            "parameters": json_of(&after),
+            "parameters": parameters_json(&after),
         });
         output::line(&value.to_string());
         return Ok(());
@@ -85,10 +81,4 @@ fn lines(before: &Parameters, after: &Parameters) -> Vec<(String, String)> {
         Some((name, if old == new { new } else { format!("{new}, was {old}") }))
     });
     pairs.collect()
-}
-
-/// By way of its text, so that numbers keep the decimals of 32 bits; infinity is null.
-fn json_of(parameters: &Parameters) -> Value {
-    let text = serde_json::to_string(parameters).unwrap_or_default();
-    serde_json::from_str(&text).unwrap_or_default()
 }

@@ -60,9 +60,10 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let waveform = Waveform::new(&spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
     let faults = faults(call.link_faults.as_deref())?;
     let (plant_bytes, controller_bytes) = (output::content(plant)?, output::content(controller)?);
+    let image = call.at.image.as_deref().map(output::named).transpose()?;
     let mut reference_files = Vec::new();
     for path in spec_files(std::iter::once(&spec)) {
-        reference_files.push((output::file_name(path), output::content(path)?));
+        reference_files.push(output::named(path)?);
     }
     check_place(out)?;
 
@@ -73,7 +74,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut ready = ready;
     let mut told = Vec::new();
     if call.paced {
-        probe::<_, RunError>(&mut session, PROBES)?;
+        probe::<_, RunError>(&mut session, PROBES, false)?;
         let asked = paced::check(session.statistics(), call.rate);
         let rate_hz = asked.map_or_else(|error| error.most_hz, |()| call.rate);
         let loops = loops(controller, rate_hz, paced::latency_s(rate_hz), &chain);
@@ -105,6 +106,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         &Facts {
             place: &call.at.board,
             ready: &ready,
+            image: image.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
             plant: (&output::file_name(plant), &plant_bytes),
             controller: (&output::file_name(controller), &controller_bytes),
             reference,
@@ -186,7 +188,7 @@ fn loops(controller: &Path, rate_hz: f64, latency_s: f64, chain: &Chain) -> Vec<
 fn probe_link(call: &HilCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
     let mut session = session(&call.at, open(&call.at, model.as_ref(), call.rate, call.seed, None)?);
-    let board = probe::<_, RunError>(&mut session, PROBES)?;
+    let board = probe::<_, RunError>(&mut session, PROBES, call.clear_fault)?;
     say(call, &board, session.statistics(), None);
     Ok(())
 }

@@ -20,6 +20,16 @@ pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
     Session::new(link).with_patience(at.patience())
 }
 
+/// A conversation with a board that was there before this call and stays behind it.
+pub fn standing(at: &BoardArguments) -> Result<Session<Box<dyn Link>>, Failure> {
+    if matches!(at.board, Place::InProcess | Place::Virtual) {
+        let ends = "such a board ends with this call: name another with --board serial:PATH or tcp:HOST:PORT";
+        return Err(Failure::call(ends));
+    }
+    // No bench is simulated here: a serial port and TCP need none.
+    Ok(session(at, open(at, None, 0.0, 0, None)?))
+}
+
 /// What `--link-faults` asks for.
 pub fn faults(text: Option<&str>) -> Result<Option<Faults>, Failure> {
     let faults = text.map(str::parse).transpose();

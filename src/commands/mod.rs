@@ -4,6 +4,7 @@ mod blind_check;
 mod board;
 mod board_parameters;
 mod board_serve;
+mod board_stop;
 mod compare;
 mod demo;
 mod design;
@@ -35,6 +36,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Board(BoardCommand::Run(call))) => board::board_run(call),
         Some(Command::Board(BoardCommand::Serve(call))) => board_serve::board_serve(call),
         Some(Command::Board(BoardCommand::Parameters(call))) => board_parameters::board_parameters(call),
+        Some(Command::Board(BoardCommand::Stop(call))) => board_stop::board_stop(call),
         Some(Command::Design(call)) => design::design(call),
         Some(Command::Reproduce(call)) => reproduce::reproduce_thesis(call),
         Some(Command::Hil(call)) => hil::hil(call),

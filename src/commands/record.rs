@@ -18,7 +18,7 @@ use plant_sim::experiment::{Bench, Program, Setup, open_loop_peak_m};
 use plant_sim::model::Model;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::InputSource;
 
@@ -46,8 +46,8 @@ struct Plan {
 pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let plan = plan(call)?;
     let model = call.plant.as_deref().map(Model::read).transpose()?;
-    let plant_file = call.plant.as_deref().map(named).transpose()?;
-    let image = call.at.image.as_deref().map(named).transpose()?;
+    let plant_file = call.plant.as_deref().map(output::named).transpose()?;
+    let image = call.at.image.as_deref().map(output::named).transpose()?;
     let faults = faults(call.link_faults.as_deref())?;
     if call.at.board == Place::InProcess && model.is_none() {
         return Err(Failure::call("--board in-process has no pins: give --plant, which is then the bench"));
@@ -59,8 +59,10 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let board = session.greet().map_err(LockstepError::<RunError>::from)?;
     let warnings = check(call, &plan, &board, model.as_ref())?;
     // Whatever the board refuses, it refuses before there is a directory and before anything moves.
+    let mut parameters = Vec::new();
     for (experiment, played) in plan.experiments.iter().zip(&plan.played) {
-        prepare(call, &plan, &mut session, experiment.controller, played, call.clear_fault)?;
+        let ready = prepare(call, &plan, &mut session, experiment.controller, played, call.clear_fault)?;
+        parameters.push(ready.parameters);
     }
     let samples: Vec<usize> = plan.played.iter().map(|played| played.samples).collect();
     let facts = Facts {
@@ -72,6 +74,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
         reference_files: &plan.reference_files,
         experiments: &plan.experiments,
         samples: &samples,
+        parameters: &parameters,
         set: call.set.map(|set| set.name()),
         before: plan.before.as_ref().map(|(spec, _)| spec.as_str()),
         rate_hz: call.rate,
@@ -104,11 +107,6 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     verdict(call, &names, &outcomes)
 }
 
-/// A file's name and content.
-fn named(path: &Path) -> Result<(String, Vec<u8>), Failure> {
-    Ok((output::file_name(path), output::content(path)?))
-}
-
 /// Reads the call's files and lays out what is to be played.
 fn plan(call: &RecordCall) -> Result<Plan, Failure> {
     let mut plan = Plan {
@@ -126,7 +124,7 @@ fn plan(call: &RecordCall) -> Result<Plan, Failure> {
             return Err(Failure::call(format!("--controller: two are called {stem}; rename one")));
         }
         plan.settings.push(board::settings(path, call.rate)?);
-        plan.controllers.push(named(path)?);
+        plan.controllers.push(output::named(path)?);
         stems.push(stem);
     }
     match call.set {
@@ -164,7 +162,7 @@ fn plan(call: &RecordCall) -> Result<Plan, Failure> {
         let spec = Spec::parse(&experiment.spec)?;
         for path in spec_files(std::iter::once(&spec)) {
             if !seen.contains(path) {
-                plan.reference_files.push(named(path)?);
+                plan.reference_files.push(output::named(path)?);
                 seen.push(path.clone());
             }
         }
@@ -200,7 +198,10 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     for settings in &plan.settings {
         warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);
     }
-    let Some(rig) = &model.rig else { return Ok(warnings) };
+    let Some(rig) = &model.rig else {
+        warnings.push("--plant has no [rig]: how far drives in open loop take the stage was not checked".into());
+        return Ok(warnings);
+    };
     // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
     let (chain, most_um) = (model.chain(), rig.displacement_max_um.value);
     let start = model.start();

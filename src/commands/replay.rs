@@ -3,7 +3,7 @@
 use crate::arguments::ReplayCall;
 use crate::failure::Failure;
 use crate::output;
-use gap_diagnosis::identify::fit_start;
+use gap_diagnosis::identify::{IdentifyError, fit_start};
 use gap_diagnosis::page::{ReplayView, four_digits, replay_page};
 use gap_diagnosis::residual::{Autocorrelation, LAGS};
 use indicatif::ProgressBar;
@@ -45,6 +45,9 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
         shown.add(row, predicted_m);
         Ok(())
     })?;
+    if score.rows() == 0 {
+        return Err(IdentifyError::RunInTooLong { log: head.name, rows: 0, run_in_s }.into());
+    }
     writer.finish()?;
     spinner.finish_and_clear();
 

@@ -93,6 +93,13 @@ impl Drop for Kept {
     }
 }
 
+/// The command with the words of `line` as a process, what it says kept.
+pub fn spawned(folder: &Folder, line: &str) -> Kept {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+    command.current_dir(root()).args(line.split_whitespace().map(|word| folder.fill_in(word)));
+    Kept(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts"))
+}
+
 /// `board serve` with more arguments, and where a host finds the board.
 pub fn served(image: &str, more: &[&str]) -> (Kept, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));

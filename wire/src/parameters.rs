@@ -131,7 +131,7 @@ impl fmt::Display for ParameterError {
                 )
             }
             ParameterError::TripBeyondSensor => f.write_str(
-                "trip_m lies beyond the sensor's range, so that a trip would look like a broken wire: lower it",
+                "trip_m lies beyond the sensor's range less rail_codes, so that a trip would look like a broken wire: lower it",
             ),
             ParameterError::NotPositive { field } => write!(f, "{field} must be greater than zero"),
         }
@@ -353,16 +353,21 @@ impl Parameters {
         let monitor_lsb_v = board.monitor_full_scale_v / (1_u32 << board.monitor_bits.min(16)) as f32;
         let monitor_v_per_code = self.monitor_v_per_v * monitor_lsb_v;
         let monitor_zero_code = self.monitor_zero_v / monitor_lsb_v;
+        for (field, value) in [("monitor_v_per_v", monitor_v_per_code), ("monitor_zero_v", monitor_zero_code)] {
+            if !value.is_finite() {
+                return Err(SettingsError::NotFinite { field }.into());
+            }
+        }
         let positive = [
-            ("monitor_v_per_v", monitor_v_per_code.abs(), false),
-            ("monitor_zero_v", monitor_zero_code.abs() + 1.0, false),
-            ("monitor_tolerance_v", self.monitor_tolerance_v, true),
-            ("monitor_samples", f32::from(self.monitor_samples), false),
-            ("overrun_limit", f32::from(self.overrun_limit), false),
-            ("link_timeout_s", self.link_timeout_s, true),
+            ("monitor_v_per_v", monitor_v_per_code.abs()),
+            ("monitor_tolerance_v", self.monitor_tolerance_v),
+            ("monitor_samples", f32::from(self.monitor_samples)),
+            ("overrun_limit", f32::from(self.overrun_limit)),
+            ("link_timeout_s", self.link_timeout_s),
         ];
-        for (field, value, may_be_infinite) in positive {
-            if value.is_nan() || value <= 0.0 || (value.is_infinite() && !may_be_infinite) {
+        for (field, value) in positive {
+            // Infinity is none of them that must end.
+            if value.is_nan() || value <= 0.0 {
                 return Err(ParameterError::NotPositive { field });
             }
         }
@@ -377,7 +382,7 @@ impl Parameters {
             open_codes: calibration.open_codes(self.rail_codes),
             overrun_limit: self.overrun_limit,
             // The conversion saturates, so that infinity is never.
-            link_timeout_samples: (self.link_timeout_s * self.rate_hz) as u32,
+            link_timeout_samples: ((self.link_timeout_s * self.rate_hz) as u32).max(1),
             reference_steps_per_m: 1.0 / self.reference_step_m(board),
         })
     }
