@@ -44,10 +44,15 @@ impl Param {
 
     /// Relative standard deviation; [`ASSUMED_SIGMA`] where the record gives none.
     pub fn relative_sigma(&self) -> f64 {
+        self.relative_sigma_or(ASSUMED_SIGMA)
+    }
+
+    /// The same with what is `assumed` of this number where the record gives none.
+    pub fn relative_sigma_or(&self, assumed: f64) -> f64 {
         match (self.sigma, self.sigma_abs) {
             (Some(sigma), _) => sigma,
             (None, Some(absolute)) if self.value != 0.0 => absolute / self.value.abs(),
-            _ => ASSUMED_SIGMA,
+            _ => assumed,
         }
     }
 }

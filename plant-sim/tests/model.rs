@@ -101,4 +101,6 @@ fn uncertainty_is_relative_however_it_is_stated() {
     // Nothing is relative to zero: the assumed 2 %.
     assert_eq!(Param::absolute(0.0, 0.2, "").relative_sigma(), 0.02);
     assert_eq!(Param::assumed(4.0).relative_sigma(), 0.02);
+    assert_eq!(Param::absolute(-4.0, 0.2, "").relative_sigma_or(0.005), 0.05);
+    assert_eq!(Param::absolute(0.0, 0.2, "").relative_sigma_or(0.005), 0.005);
 }

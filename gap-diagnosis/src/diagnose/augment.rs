@@ -3,7 +3,7 @@
 use super::bench::{Bench, Freedom, Record};
 use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
-use super::plants::{Benches, Played, Variant, carry};
+use super::plants::{self, Benches, Played, Variant, carry};
 use super::random::Random;
 use super::refit::{come_home, has_gap, nominal};
 use super::search::{Candidate, Search};
@@ -91,12 +91,7 @@ pub(super) fn augment(
         if named.is_some() && !has_gap(&base) {
             base = search.polish_from(base, &nominal(search));
         }
-        let has_laws = bench.chain_at(&base.hypothesis, &base.found.z, 0).parts.need_substeps();
-        if has_laws && base.chi < NEAR {
-            let z = base.found.z.clone();
-            base.found = descend(fine, &base.hypothesis, z, &AGAIN[1..], f64::INFINITY, search.simulations);
-        }
-        return Augmented::by_fit(search, base, freed, random);
+        return Augmented::by_fit(search, finely(search, fine, base), freed, random);
     }
     let mut model = bench.model.clone();
     let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
@@ -124,7 +119,18 @@ pub(super) fn augment(
     let home: Vec<f64> =
         bench.free.iter().zip(&found.z).map(|(free, z)| if is_wrong(free.quantity) { *z } else { 0.0 }).collect();
     let candidate = come_home(&search, search.candidate(hypothesis, found), &home);
+    let candidate = finely(&search, &plants::fine(&model, bench.records.clone()), candidate);
     Augmented::by_fit(&search, candidate, freed, random)
+}
+
+/// A fit near the noise whose laws the search followed coarsely, as `fine` follows them.
+fn finely(search: &Search<'_>, fine: &Bench<'_>, fit: Candidate) -> Candidate {
+    let has_laws = search.bench.chain_at(&fit.hypothesis, &fit.found.z, 0).parts.need_substeps();
+    if !has_laws || fit.chi >= NEAR {
+        return fit;
+    }
+    let found = descend(fine, &fit.hypothesis, fit.found.z.clone(), &AGAIN[1..], f64::INFINITY, search.simulations);
+    Candidate { found, ..fit }
 }
 
 impl Augmented {

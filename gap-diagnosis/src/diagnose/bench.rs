@@ -8,12 +8,11 @@ use plant_sim::chain::{Chain, Drive, Parts, Sensor};
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales, Scope};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
+use plant_sim::param::{ASSUMED_MASS_SIGMA, ASSUMED_SIGMA, Param};
 use plant_sim::replay::Start;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// Relative standard deviation of a nominal number whose source gives none.
-const SIGMA: f64 = 0.02;
 /// Farthest that a nominal number may move, as a natural logarithm.
 const BOUND: f64 = 1.5;
 /// What a hysteron may hold at rest in any case, as a share of its edge.
@@ -351,7 +350,18 @@ pub struct Bench<'a> {
     pub rate_v_per_s: f64,
 }
 
+/// Relative standard deviation of a nominal number; none that is stated as zero is believed.
+fn sigma_of(param: &Param, assumed: f64) -> f64 {
+    Some(param.relative_sigma_or(assumed)).filter(|sigma| *sigma > 0.0).unwrap_or(assumed)
+}
+
 impl<'a> Bench<'a> {
+    /// The same with other logs of it, or fewer: what coordinates count in stays, so that those of the one are those of the other.
+    pub fn part(&self, records: Vec<Record<'a>>) -> Self {
+        let Self { stroke_m, drive_v, rate_v_per_s, .. } = *self;
+        Self { stroke_m, drive_v, rate_v_per_s, ..Self::new(self.model, records) }
+    }
+
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
@@ -367,7 +377,7 @@ impl<'a> Bench<'a> {
                 quantity,
                 prior: *quantity.number(&mut numbers),
                 scale: Scale::Log { bound: BOUND },
-                prior_sigma: quantity.record(&mut writable).sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
+                prior_sigma: sigma_of(quantity.record(&mut writable), ASSUMED_SIGMA),
             })
             .filter(|free| free.prior > 0.0)
             .chain(stated_offset(model))
@@ -389,7 +399,7 @@ impl<'a> Bench<'a> {
             chain,
             base,
             free,
-            mass_sigma: model.structure.mass_kg.sigma.filter(|s| *s > 0.0).unwrap_or(SIGMA),
+            mass_sigma: sigma_of(&model.structure.mass_kg, ASSUMED_MASS_SIGMA),
             thinned,
             stroke_m,
             drive_v,
@@ -726,6 +736,18 @@ mod tests {
         let apart = DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 4.0]);
         assert_eq!(factor(apart.clone()).map(|f| f.l()), apart.cholesky().map(|f| f.l()));
         assert!(factor(DMatrix::from_element(1, 1, -1.0)).is_none());
+    }
+
+    #[test]
+    fn what_a_file_says_of_its_numbers_counts_however_it_says_it() {
+        let mut model = thesis();
+        model.structure.mass_kg.sigma = None;
+        model.structure.stiffness_n_per_m = Param::absolute(25_000.0, 250.0, "");
+        model.structure.damping_n_s_per_m = Param::new(3.7, 0.0, "");
+        let bench = Bench::new(&model, Vec::new());
+        let sigma = |quantity| bench.free.iter().find(|free| free.quantity == quantity).map(|free| free.prior_sigma);
+        assert_eq!(bench.mass_sigma, 0.005);
+        assert_eq!((sigma(Quantity::Stiffness), sigma(Quantity::Damping)), (Some(0.01), Some(0.02)));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::bench::{Bench, Record};
 use super::explanation::BENT;
+use super::judge::RESOLVED;
 use super::refit::BENT_COST;
 use super::search::{Candidate, Search};
 use super::symmetry::{Freed, Shifts};
@@ -42,7 +43,8 @@ impl Directions {
     /// A refit that pays for its shifts as no plant would, while one direction pays for them all, has met what that direction means; what
     /// the refit leaves of the whole gap is left then, and less of it with what else was found: `beside_scatter` of it with what scatters.
     pub fn of(search: &Search<'_>, refit: &Candidate, without: &[&str], beside_scatter: f64) -> Self {
-        let excess = (refit.chi - 1.0).max(0.0);
+        // Where one log of many shows a gap the others may leave less than their noise; no less than these logs resolve is left of it.
+        let excess = (refit.chi - 1.0).max(RESOLVED / refit.rows().max(1) as f64);
         let whole = search.unfitted(&refit.hypothesis) - 1.0;
         let rest = (excess / whole.max(excess).max(f64::MIN_POSITIVE)).sqrt();
         let none = Self { first: None, sure: Vec::new(), pairs: Vec::new(), rest };

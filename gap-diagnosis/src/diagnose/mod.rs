@@ -142,7 +142,7 @@ pub fn diagnose(
     let without: Vec<&str> = options.without.iter().map(String::as_str).collect();
     let mut search = Search { bench: &bench, simulations: &simulations };
     let mut course = judge::course(&search, freedom, &without, progress);
-    let warnings = error::warnings(logs, held_out);
+    let mut warnings = error::warnings(logs, held_out);
     let mut losses: Option<Losses> = None;
     let whole = course.refit.chi - 1.0;
     for arrived in &arrived {
@@ -168,8 +168,15 @@ pub fn diagnose(
         search = Search { bench: &bench, simulations: &simulations };
         course = judge::course(&search, freedom, &without, progress);
     }
-    if losses.is_some() {
+    if let Some(losses) = &losses {
         course.stays_of(whole);
+        if benches.held.is_none() && losses.lost == Lost::Commands {
+            warnings.push(
+                "commands that never arrived were read off all rows of these logs, those too that no fit saw: with --held-out the gap is that of rows \
+                 which nothing has looked at"
+                    .to_owned(),
+            );
+        }
     }
     let mut found = answer::answer(&search, &course, &benches, options, losses.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {

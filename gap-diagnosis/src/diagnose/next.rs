@@ -81,27 +81,28 @@ pub(super) fn next_experiment(
     let rate_hz = (1e3 * bench.records.iter().map(|r| r.log.dt_s.recip()).fold(0.0, f64::max)).round() / 1e3;
     let range_v = range_v(bench);
     let full = |text: &str| limit_v(text, range_v) / WRITTEN_FOR_V;
+    let chains: Vec<Chain> =
+        rivals.iter().map(|(_, e)| bench.chain_at(&e.candidate.hypothesis, &e.candidate.found.z, 0)).collect();
+    // A SPEC as large as the stage stands, with how far it sets the rivals apart.
+    let within = |text: &str| {
+        let full = full(text);
+        [full, GENTLER * full].into_iter().find_map(|factor| {
+            let spec = scaled(text, factor)?;
+            Some((apart(bench, &chains, &spec, rate_hz)?, spec))
+        })
+    };
     let splits = || rivals.iter().map(|(id, _)| (*id).to_owned()).collect::<Vec<_>>();
     if let Some(about) = rivals.iter().find(|(id, _)| scatters(id)).and_then(|(id, _)| find(id)).map(|e| e.about())
-        && let Some(spec) = scaled(about.spec, full(about.spec))
+        && let Some((_, spec)) = within(about.spec)
     {
         return Ok(NextExperiment { spec, rate_hz, splits: splits(), reason: format!("{}.", about.experiment) });
     }
     let own = rivals.iter().filter_map(|(id, _)| find(id)).map(|effect| effect.about().spec);
     let mut texts: Vec<&str> = own.chain(STANDARD).filter(|text| !text.is_empty()).collect();
     texts.dedup();
-    let chains: Vec<Chain> =
-        rivals.iter().map(|(_, e)| bench.chain_at(&e.candidate.hypothesis, &e.candidate.found.z, 0)).collect();
     let best = texts
         .par_iter()
-        .filter_map(|text| {
-            let full = full(text);
-            let spec = [full, GENTLER * full].into_iter().find_map(|factor| {
-                let spec = scaled(text, factor)?;
-                Some((apart(bench, &chains, &spec, rate_hz)?, spec))
-            });
-            spec.map(|((pairs, least), spec)| (pairs, least, spec))
-        })
+        .filter_map(|text| within(text).map(|((pairs, least), spec)| (pairs, least, spec)))
         .max_by(|a, b| a.0.len().cmp(&b.0.len()).then(a.1.total_cmp(&b.1)));
     match best {
         Some((pairs, least, spec)) if !pairs.is_empty() => {

@@ -156,7 +156,7 @@ fn scored_rows(held: &Bench<'_>) -> f64 {
     held.records.iter().map(|record| record.log.len() - scored_from(record)).sum::<usize>().max(1) as f64
 }
 
-fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
+pub(super) fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
     let mut bench = Bench::new(model, records);
     [&mut bench.chain, &mut bench.base.chain].into_iter().for_each(|chain| chain.parts.is_coarse = false);
     bench

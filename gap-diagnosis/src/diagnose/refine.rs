@@ -33,7 +33,8 @@ pub fn refine(forms: &mut [Scored], score: impl Fn(Vec<Block>) -> Vec<Option<Sco
         walks.retain(|walk| forms[walk.form].gain > (SHARE + MORE * round as f64) * best);
         let trials = walks.iter().enumerate().flat_map(|(number, walk)| {
             let Scored { block, values, .. } = &forms[walk.form];
-            let sides = walk.steps.iter().enumerate().flat_map(|(i, step)| [(i, -step), (i, *step)]);
+            let moving = walk.steps.iter().enumerate().filter(|(_, step)| **step > 0.0);
+            let sides = moving.flat_map(|(i, step)| [(i, -step), (i, *step)]);
             sides.filter_map(move |(i, by)| Some(((number, i), block.moved(values, i, by)?)))
         });
         let (places, trials): (Vec<(usize, usize)>, Vec<Block>) = trials.unzip();

@@ -1,6 +1,6 @@
 //! The nominal plant refitted, from as many starts as it takes, and whether that leaves a gap.
 
-use super::bench::{Bench, Freedom};
+use super::bench::Freedom;
 use super::search::{Candidate, Search, middle};
 use super::symmetry::along;
 
@@ -57,7 +57,7 @@ fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
     }
     for other in (0..chis.len()).filter(|index| *index != worst) {
         let logs = [worst, other];
-        let part = Bench::new(bench.model, logs.map(|index| bench.records[index].clone()).to_vec());
+        let part = bench.part(logs.map(|index| bench.records[index].clone()).to_vec());
         let found = refitted(&Search { bench: &part, ..*search }, refit.hypothesis.freedom);
         if has_gap(&found) {
             continue;

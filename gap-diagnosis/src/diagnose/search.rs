@@ -167,7 +167,7 @@ impl Search<'_> {
         let (mut records, mut of_others) = (bench.records.clone(), candidate.found.z.clone());
         records.remove(index);
         of_others.drain(own.clone());
-        let others = Bench::new(bench.model, records);
+        let others = bench.part(records);
         let mut z = descend(&others, hypothesis, of_others, &LAST_STAGES, f64::INFINITY, self.simulations).z;
         z.splice(at..at, candidate.found.z[own].iter().copied());
         settle_anew(bench, hypothesis, &mut z, index);
@@ -478,12 +478,13 @@ impl Search<'_> {
         (0..self.bench.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// One over the variance that a row of each log counts with: that of the residual times the rows that make one independent.
+    /// One over the variance that a row of each log counts with: that of the residual times the rows that make one independent. Lost rows are none of it.
     pub fn independent_weights(&self, candidate: &Candidate) -> Vec<f64> {
         let weight = |(record, remainder): (&Record<'_>, Remainder)| {
-            let residual_m = &remainder.residual_m[record.run_in..];
+            let kept = (record.run_in..remainder.residual_m.len()).filter(|row| !record.has_lost(*row));
+            let residual_m: Vec<f64> = kept.map(|row| remainder.residual_m[row]).collect();
             let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
-            1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(residual_m))
+            1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(&residual_m))
         };
         self.bench.records.iter().zip(self.play(candidate)).map(weight).collect()
     }
@@ -508,4 +509,34 @@ pub(super) fn cheaper(one: Candidate, other: Candidate) -> Candidate {
 
 fn total(candidate: &Candidate) -> f64 {
     candidate.found.data_cost + candidate.found.prior_cost
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+    use plant_sim::replay::{Start, predict};
+
+    #[test]
+    fn rows_that_were_lost_say_nothing_of_how_well_a_fit_is_known() {
+        let (model, mut log) = (thesis(), Log { dt_s: 5e-5, ..Log::default() });
+        log.command_v = (0..2000).map(|k| 30.0 * (0.02 * f64::from(k)).sin()).collect();
+        log.displacement_m = vec![0.0; log.command_v.len()];
+        let chain = model.chain();
+        log.displacement_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+        let mut spoilt = log.clone();
+        spoilt.displacement_m.iter_mut().step_by(50).for_each(|y| *y += 2e-6);
+        let weights = |log: &Log| {
+            let is_lost = (0..log.len()).map(|row| row % 50 == 0).collect();
+            let bench = Bench::new(&model, vec![Record { is_lost, noise_m: 20e-9, ..record(log, &chain, None) }]);
+            let simulations = AtomicUsize::new(0);
+            let search = Search { bench: &bench, simulations: &simulations };
+            let nominal = Hypothesis::nominal(Freedom::Relaxed);
+            let found = descend(&bench, &nominal, bench.origin(&nominal), &[], 0.0, &simulations);
+            search.independent_weights(&search.candidate(nominal, found))
+        };
+        assert_eq!(weights(&log), weights(&spoilt));
+    }
 }

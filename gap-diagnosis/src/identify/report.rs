@@ -8,7 +8,7 @@ use crate::residual::{Autocorrelation, LAGS, aic_bic, samples_per_independent};
 use plant_sim::chain::Chain;
 use plant_sim::metrics::{Score, rms};
 use plant_sim::model::Kind;
-use plant_sim::param::Param;
+use plant_sim::param::{ASSUMED_MASS_SIGMA, Param};
 use plant_sim::replay::play;
 use std::sync::atomic::Ordering;
 
@@ -28,7 +28,7 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
             name: "mass_kg".into(),
             words: ("mass".into(), "kg"),
             value: session.base.chain.plant.mass_kg,
-            sigma: session.base.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma(),
+            sigma: session.base.chain.plant.mass_kg * model.structure.mass_kg.relative_sigma_or(ASSUMED_MASS_SIGMA),
             prior: session.base.chain.plant.mass_kg,
             verdict: Verdict::Given,
             note: "given; displacement alone determines only ratios to the mass".into(),

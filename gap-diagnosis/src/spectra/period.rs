@@ -32,6 +32,10 @@ pub fn repeats(signal: &[f64], period_samples: Option<usize>) -> Vec<Repeats> {
     let Some(period) = period_samples.filter(|&period| period > 0).or_else(|| period_of(moving)) else {
         return Vec::new();
     };
+    // A log may state anything.
+    if period > signal.len() {
+        return Vec::new();
+    }
     // The sample before the first change belongs to the first period if it comes back: a sine begins at its resting value.
     let is_first =
         |before: usize| signal.get(before + period).is_some_and(|&later| (later - signal[before]).abs() < 1e-9);
@@ -146,6 +150,14 @@ mod tests {
                     .sum()
             })
             .collect()
+    }
+
+    #[test]
+    fn what_a_log_states_may_be_longer_than_it() {
+        let signal = multisine(500, 1).repeat(3);
+        for stated in [signal.len() + 1, usize::MAX / 2 + 1, usize::MAX] {
+            assert_eq!(repeats(&signal, Some(stated)), []);
+        }
     }
 
     #[test]
