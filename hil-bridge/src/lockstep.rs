@@ -149,8 +149,8 @@ pub fn prepare_task<L: Link, E>(
 ///
 /// # Errors
 /// [`LockstepError`]; nothing has moved then.
-pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32, clear_fault: bool) -> Result<Board, LockstepError<E>> {
-    let board = idle(session, clear_fault)?;
+pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32) -> Result<Board, LockstepError<E>> {
+    let board = idle(session, false)?;
     let checked = session.parameters()?.check(&board.converters).map_err(LockstepError::Parameters)?;
     session.order(&ToBoard::Input(InputSource::Bridge))?;
     let AdcCode(zero) = checked.calibration.adc_code(0.0);

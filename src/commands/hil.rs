@@ -7,7 +7,7 @@ use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::Faulty;
 use hil_bridge::link::Link;
-use hil_bridge::lockstep::{Outcome, Row, prepare, probe, run_on};
+use hil_bridge::lockstep::{Outcome, Row, idle, prepare, probe, run_on};
 use hil_bridge::paced;
 use hil_bridge::run_directory::{Facts, RunDirectory, RunError, check_place};
 use hil_bridge::session::{Board, Session};
@@ -74,7 +74,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut ready = ready;
     let mut told = Vec::new();
     if call.paced {
-        probe::<_, RunError>(&mut session, PROBES, false)?;
+        probe::<_, RunError>(&mut session, PROBES)?;
         let asked = paced::check(session.statistics(), call.rate);
         let rate_hz = asked.map_or_else(|error| error.most_hz, |()| call.rate);
         let loops = loops(controller, rate_hz, paced::latency_s(rate_hz), &chain);
@@ -188,7 +188,8 @@ fn loops(controller: &Path, rate_hz: f64, latency_s: f64, chain: &Chain) -> Vec<
 fn probe_link(call: &HilCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
     let mut session = session(&call.at, open(&call.at, model.as_ref(), call.rate, call.seed, None)?);
-    let board = probe::<_, RunError>(&mut session, PROBES, call.clear_fault)?;
+    idle::<_, RunError>(&mut session, call.clear_fault)?;
+    let board = probe::<_, RunError>(&mut session, PROBES)?;
     say(call, &board, session.statistics(), None);
     Ok(())
 }
