@@ -15,6 +15,7 @@ use plant_sim::margins::MarginError;
 use plant_sim::spec::SpecError;
 use std::ffi::OsStr;
 use std::path::Path;
+use wire::ParameterError;
 
 /// The call can't be meant: an unknown argument, a number out of range, an unstable loop.
 pub const WRONG_CALL: u8 = 2;
@@ -176,12 +177,28 @@ impl From<LinkError> for Failure {
     }
 }
 
+impl From<SessionError> for Failure {
+    fn from(error: SessionError) -> Self {
+        match error {
+            SessionError::Link(error) => error.into(),
+            error => Self::hardware(error.to_string()),
+        }
+    }
+}
+
+impl From<ParameterError> for Failure {
+    fn from(error: ParameterError) -> Self {
+        Self::call(format!("the board refuses: {error}"))
+    }
+}
+
 impl From<LockstepError<RunError>> for Failure {
     fn from(error: LockstepError<RunError>) -> Self {
         match error {
             LockstepError::Row(error) => error.into(),
-            LockstepError::Session(SessionError::Link(error)) => error.into(),
-            LockstepError::Parameters(_) | LockstepError::LinkTooSlow { .. } => Self::call(error.to_string()),
+            LockstepError::Session(error) => error.into(),
+            LockstepError::Parameters(error) => error.into(),
+            LockstepError::LinkTooSlow { .. } => Self::call(error.to_string()),
             error => Self::hardware(error.to_string()),
         }
     }

@@ -96,6 +96,11 @@ pub fn named(path: &Path) -> Result<(String, Vec<u8>), Failure> {
     Ok((file_name(path), content(path)?))
 }
 
+/// The same, borrowed.
+pub fn parts((name, content): &(String, Vec<u8>)) -> (&str, &[u8]) {
+    (name, content)
+}
+
 /// Whether `path` is there and is neither a file nor a directory.
 fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())

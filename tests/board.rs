@@ -206,10 +206,8 @@ fn a_board_that_was_left_running_is_stopped_and_leaves_its_fault() {
     // A host that is killed while its board drives.
     let left_running = |out: &str| {
         let mut host = spawned(&folder, &format!("record {at} --spec hold:10V@1000s --out @/{out}"));
-        while !folder.path(out).join("log.csv").metadata().is_ok_and(|found| found.len() > 30_000) {
-            assert!(host.0.try_wait().expect("a child").is_none(), "it ended by itself");
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
+        let log = folder.path(out).join("log.csv");
+        host.until(|| log.metadata().is_ok_and(|found| found.len() > 30_000));
     };
     left_running("gone");
     // Nothing is changed under it, and who would use it is told what to do.

@@ -4,9 +4,8 @@ mod support;
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::process::{Command, Stdio};
 use support::{
-    Folder, Kept, PI1, PLANT, hysteron, identity, image, impostor, root, run, run_on_a_full_disk, served, stderr,
+    Folder, PI1, PLANT, hysteron, identity, image, impostor, root, run, run_on_a_full_disk, served, spawned, stderr,
     stdout,
 };
 
@@ -83,14 +82,9 @@ fn a_reference_from_a_file_is_kept_with_the_run() {
 fn killed_in_the_middle_it_leaves_a_log_that_is_read() {
     let folder = Folder::new("hil-killed");
     let line = call("in-process", "run").replace("0.05", "5000");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hysteron"));
-    command.current_dir(root()).args(line.split_whitespace().map(|word| folder.fill_in(word)));
-    let mut child = Kept(command.stderr(Stdio::null()).spawn().expect("the command starts"));
+    let mut child = spawned(&folder, &line);
     // Until link.json was written for the first time: a second into the run.
-    while !folder.path("run/link.json").exists() {
-        assert!(child.0.try_wait().expect("a child").is_none(), "it ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    child.until(|| folder.path("run/link.json").exists());
     let stated = json(&folder.read("run/link.json"))["rows"].as_u64().expect("a number");
     // SIGKILL.
     child.0.kill().expect("killed");

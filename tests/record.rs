@@ -122,10 +122,7 @@ fn killed_in_the_middle_it_leaves_logs_that_are_read() {
     let mut child = spawned(&folder, &call("--spec sine:60V@10Hz/0.5s --spec sine:60V@1Hz/3000s", "run"));
     // Until the second log was accounted for: a second into it.
     let rows = |text: &str| parsed(text)["logs"]["02-drive-2.csv"]["rows"].as_u64().unwrap_or(0);
-    while !folder.path("run/link.json").exists() || rows(&folder.read("run/link.json")) < 20_000 {
-        assert!(child.0.try_wait().expect("a child").is_none(), "it ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    child.until(|| folder.path("run/link.json").exists() && rows(&folder.read("run/link.json")) >= 20_000);
     // SIGKILL.
     child.0.kill().expect("killed");
     child.0.wait().expect("ended");
@@ -152,18 +149,11 @@ fn a_pulled_cable_is_one_line_and_leaves_what_was_recorded() {
     // What a board does whose host has gone is its own: the link's silence is a fault (virtual-board/tests/faults.rs).
     let line = format!("record --board tcp:{place} --spec sine:40V@10Hz/1000s --out @/run");
     let mut child = spawned(&folder, &line);
-    let mut server = Some(server);
     let rows = |text: &str| parsed(text)["logs"]["log.csv"]["rows"].as_u64().unwrap_or(0);
     let log = folder.path("run/log.csv");
-    loop {
-        let is_under_way = log.metadata().is_ok_and(|found| found.len() > 60_000);
-        if is_under_way && server.take().is_some() {
-            // Dropped: the board is gone.
-            break;
-        }
-        assert!(child.0.try_wait().expect("a child").is_none(), "it ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    child.until(|| log.metadata().is_ok_and(|found| found.len() > 60_000));
+    // The board is gone.
+    drop(server);
     let output = {
         let mut said = String::new();
         let status = child.0.wait().expect("ended");

@@ -230,16 +230,16 @@ fn run_json(facts: &Facts<'_>, names: &[String]) -> Value {
     let files = |files: &[(String, Vec<u8>)]| -> Vec<Value> {
         files.iter().map(|(name, content)| file_json(name, content)).collect()
     };
-    let experiment = |k: usize| {
-        let one = &facts.experiments[k];
+    let named = facts.experiments.iter().zip(names);
+    let experiments = named.zip(facts.samples).zip(facts.parameters).map(|(((one, log), samples), parameters)| {
         json!({
-            "log": names[k],
+            "log": log,
             "spec": one.spec,
             "controller": one.controller.map(|index| facts.controllers[index].0.as_str()),
-            "samples": facts.samples[k],
-            "parameters": parameters_json(&facts.parameters[k]),
+            "samples": samples,
+            "parameters": parameters_json(parameters),
         })
-    };
+    });
     json!({
         "schema": "hysteron-run-1",
         "program": format!("hysteron {}", env!("CARGO_PKG_VERSION")),
@@ -255,7 +255,7 @@ fn run_json(facts: &Facts<'_>, names: &[String]) -> Value {
         "reference_files": files(facts.reference_files),
         "set": facts.set,
         "before_each": facts.before,
-        "experiments": (0..names.len()).map(experiment).collect::<Vec<_>>(),
+        "experiments": experiments.collect::<Vec<_>>(),
         "rate_hz": facts.rate_hz,
         "seed": facts.seed,
     })

@@ -4,14 +4,13 @@
 use super::again::{score_active, score_left_out};
 use super::plan::{Label, Order};
 use super::runner::{REPORT, answer, ran};
-use super::store::{self, Store, read, read_json, sha256, write};
+use super::store::{self, Store, read, read_if_there, read_json, sha256, write};
 use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::page::four_digits;
 use gap_diagnosis::score::{Case, PageView, Rate, Score, Truth, score, score_page};
 use serde_json::{Value, json};
 use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Failures whose own reports are kept.
@@ -133,13 +132,7 @@ pub fn book(path: &Path, order: &Order, score: &Score, provenance: &Value) -> Re
         text("answers_sha256"),
     ];
     let line = line.join(",") + "\n";
-    let before = match fs::read_to_string(path) {
-        // What can't be read is somebody's book all the same.
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            return Err(Failure::file(format!("{}: cannot be read: {error}; mend or move it", path.display())));
-        }
-        found => found.unwrap_or_default(),
-    };
+    let before = read_if_there(path)?.unwrap_or_default();
     if before.contains(&line) {
         return Ok(());
     }

@@ -17,8 +17,7 @@ use std::time::{Duration, Instant};
 pub const PLANT: &str = "nominal.toml";
 /// Says that a case is done; written last.
 const DONE: &str = "run.json";
-/// What a case was answered with.
-pub const ANSWER: &str = "diagnosis.json";
+const ANSWER: &str = "diagnosis.json";
 /// Page of a case.
 pub const REPORT: &str = "report.html";
 /// A diagnosis that takes longer than this has failed, and how often it is asked.
@@ -169,11 +168,19 @@ pub fn answer(folder: &Path) -> Result<Answer, String> {
     if let Some(said) = ran.said {
         return Err(said);
     }
+    Answer::parse(&as_written(folder, &ran)?).map_err(|e| format!("{ANSWER}: {e}"))
+}
+
+/// The text of the answer in `folder`, which ran as `ran`, if it is the one that was written.
+///
+/// # Errors
+/// That it is gone or another one.
+pub fn as_written(folder: &Path, ran: &Ran) -> Result<String, String> {
     let text = fs::read_to_string(folder.join(ANSWER)).map_err(|e| format!("{ANSWER}: {e}"))?;
     if ran.diagnosis_sha256.as_deref() != Some(&sha256(text.as_bytes())) {
         return Err(format!("{ANSWER}: changed since it was written"));
     }
-    Answer::parse(&text).map_err(|e| format!("{ANSWER}: {e}"))
+    Ok(text)
 }
 
 /// Does `work` on every item, `jobs` at a time, with a bar. The first failure stops what has not begun.

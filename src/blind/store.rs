@@ -55,14 +55,13 @@ impl Store {
     /// If something else is there: the directory belongs to another run.
     pub fn settle(&self, name: &str, text: &str) -> Result<(), Failure> {
         let path = self.path(name);
-        match fs::read_to_string(&path) {
-            Ok(found) if found == text => Ok(()),
-            Ok(_) => Err(Failure::call(format!(
+        match read_if_there(&path)? {
+            Some(found) if found == text => Ok(()),
+            Some(_) => Err(Failure::call(format!(
                 "{}: belongs to another run; name another directory with --out",
                 path.display()
             ))),
-            Err(error) if error.kind() == ErrorKind::NotFound => write(&path, text.as_bytes()),
-            Err(error) => Err(Failure::file(format!("{}: cannot be read: {error}", path.display()))),
+            None => write(&path, text.as_bytes()),
         }
     }
 }
@@ -98,6 +97,18 @@ pub fn json(value: &impl Serialize) -> Result<String, Failure> {
 /// If it can't be read.
 pub fn read(path: &Path) -> Result<String, Failure> {
     fs::read_to_string(path).map_err(|e| Failure::file(format!("{}: cannot be read: {e}", path.display())))
+}
+
+/// Text of a file that need not be there; what can't be read is somebody's all the same.
+///
+/// # Errors
+/// If it is there and can't be read.
+pub fn read_if_there(path: &Path) -> Result<Option<String>, Failure> {
+    match fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(Failure::file(format!("{}: cannot be read: {e}; mend or move it", path.display()))),
+    }
 }
 
 /// A value from a JSON file.

@@ -3,7 +3,7 @@
 use super::books::{answers_sha256, provenance, score_made, score_text, unseal};
 use super::made::{case, truth_text};
 use super::plan::{Label, Order};
-use super::runner::{ANSWER, each, ran};
+use super::runner::{as_written, each, ran};
 use super::store::{Store, json, read, read_json, sha256};
 use crate::failure::Failure;
 use crate::output;
@@ -43,9 +43,7 @@ pub fn verify(store: &Store, jobs: usize) -> Result<(), Failure> {
     let is_touched = |id: &&&str| match ran(&store.case(id)) {
         None => true,
         // A diagnosis that failed has no answer to touch.
-        Some(ran) => ran.diagnosis_sha256.is_some_and(|written| {
-            std::fs::read(store.case(id).join(ANSWER)).map_or(true, |found| sha256(&found) != written)
-        }),
+        Some(ran) => ran.diagnosis_sha256.is_some() && as_written(&store.case(id), &ran).is_err(),
     };
     let touched: Vec<String> = ids.iter().filter(is_touched).map(|id| (*id).to_owned()).collect();
     ask("the answers are there as they were written", first(&touched, "answers are missing or changed"));

@@ -65,8 +65,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         warnings.extend(loop_warnings(&settings, call.rate, LATENCY_S, &model)?);
         parameters = parameters.with_settings(&settings);
     }
-    let checked =
-        parameters.check(&converters).map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
+    let checked = parameters.check(&converters)?;
     let waveform = Waveform::new(spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
     let bench = BenchSettings {
         chain,

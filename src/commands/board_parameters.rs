@@ -5,7 +5,7 @@ use crate::commands::board;
 use crate::commands::link::standing;
 use crate::failure::Failure;
 use crate::output;
-use hil_bridge::lockstep::{LockstepError, idle};
+use hil_bridge::lockstep::idle;
 use hil_bridge::run_directory::{RunError, parameters_json};
 use serde_json::json;
 use toml::Table;
@@ -14,11 +14,9 @@ use wire::{Parameters, ToBoard};
 /// Shows the parameters in force, after putting in force what was asked for.
 pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
     let mut session = standing(&call.at)?;
-    let failed = |error| Failure::from(LockstepError::<RunError>::Session(error));
     let is_shown = call.set.is_empty() && call.controller.is_none() && !call.save && !call.clear_fault;
-    let found =
-        if is_shown { session.greet().map_err(failed)? } else { idle::<_, RunError>(&mut session, call.clear_fault)? };
-    let before = session.parameters().map_err(failed)?;
+    let found = if is_shown { session.greet()? } else { idle::<_, RunError>(&mut session, call.clear_fault)? };
+    let before = session.parameters()?;
     let mut asked = before;
     if let Some(path) = &call.controller {
         asked = asked.with_settings(&board::settings(path, f64::from(before.rate_hz))?);
@@ -27,13 +25,13 @@ pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
         asked = changed(&asked, setting).map_err(|why| Failure::call(format!("--set {setting}: {why}")))?;
     }
     if asked != before {
-        asked.check(&found.converters).map_err(LockstepError::<RunError>::Parameters)?;
-        session.order(&ToBoard::SetParameters(asked)).map_err(failed)?;
+        asked.check(&found.converters)?;
+        session.order(&ToBoard::SetParameters(asked))?;
     }
     if call.save {
-        session.order(&ToBoard::SaveParameters).map_err(failed)?;
+        session.order(&ToBoard::SaveParameters)?;
     }
-    let after = session.parameters().map_err(failed)?;
+    let after = session.parameters()?;
     if call.json {
         let value = json!({
             "board": found.board,

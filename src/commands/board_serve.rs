@@ -37,9 +37,7 @@ pub fn bench(
     } else {
         (Converters::NUCLEO_G474RE, Parameters::NUCLEO_PI1)
     };
-    let checked = Parameters { rate_hz: rate_hz as f32, ..parameters }
-        .check(&converters)
-        .map_err(|error| Failure::call(format!("the board refuses: {error}")))?;
+    let checked = Parameters { rate_hz: rate_hz as f32, ..parameters }.check(&converters)?;
     let chain = model.chain();
     let start = model.start();
     Ok(BenchSettings { chain, start, calibration: checked.calibration, seed, anti_alias_hz, has_external_converters })

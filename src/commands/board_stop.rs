@@ -4,7 +4,7 @@ use crate::arguments::BoardStopCall;
 use crate::commands::link::standing;
 use crate::failure::Failure;
 use crate::output;
-use hil_bridge::lockstep::{LockstepError, idle};
+use hil_bridge::lockstep::idle;
 use hil_bridge::pins;
 use hil_bridge::run_directory::RunError;
 use wire::InputSource;
@@ -12,11 +12,10 @@ use wire::InputSource;
 /// Stops it; one that is in its fault then is told as such.
 pub fn board_stop(call: &BoardStopCall) -> Result<(), Failure> {
     let mut session = standing(&call.at)?;
-    let failed = |error| Failure::from(LockstepError::<RunError>::Session(error));
-    session.greet().map_err(failed)?;
+    session.greet()?;
     // Over the bridge only a host's samples move a ramp on, which is what `idle` is for.
-    if session.status().map_err(failed)?.input != InputSource::Bridge {
-        pins::stop(&mut session).map_err(failed)?;
+    if session.status()?.input != InputSource::Bridge {
+        pins::stop(&mut session)?;
     }
     let board = idle::<_, RunError>(&mut session, call.clear_fault)?;
     output::line(&format!("{}: idle, at 0 V", board.board));

@@ -59,7 +59,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     let waveform = Waveform::new(&spec, call.rate).map_err(|error| Failure::call(error.to_string()))?;
     let faults = faults(call.link_faults.as_deref())?;
-    let (plant_bytes, controller_bytes) = (output::content(plant)?, output::content(controller)?);
+    let (plant_file, controller_file) = (output::named(plant)?, output::named(controller)?);
     let image = call.at.image.as_deref().map(output::named).transpose()?;
     let mut reference_files = Vec::new();
     for path in spec_files(std::iter::once(&spec)) {
@@ -106,9 +106,9 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         &Facts {
             place: &call.at.board,
             ready: &ready,
-            image: image.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
-            plant: (&output::file_name(plant), &plant_bytes),
-            controller: (&output::file_name(controller), &controller_bytes),
+            image: image.as_ref().map(output::parts),
+            plant: output::parts(&plant_file),
+            controller: output::parts(&controller_file),
             reference,
             reference_files: &reference_files,
             rate_hz: call.rate,
@@ -188,7 +188,9 @@ fn loops(controller: &Path, rate_hz: f64, latency_s: f64, chain: &Chain) -> Vec<
 fn probe_link(call: &HilCall) -> Result<(), Failure> {
     let model = call.plant.as_deref().map(Model::read).transpose()?;
     let mut session = session(&call.at, open(&call.at, model.as_ref(), call.rate, call.seed, None)?);
-    idle::<_, RunError>(&mut session, call.clear_fault)?;
+    if call.clear_fault {
+        idle::<_, RunError>(&mut session, true)?;
+    }
     let board = probe::<_, RunError>(&mut session, PROBES)?;
     say(call, &board, session.statistics(), None);
     Ok(())

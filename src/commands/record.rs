@@ -56,7 +56,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
 
     let link = open(&call.at, model.as_ref(), call.rate, call.seed, call.anti_alias)?;
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
-    let board = session.greet().map_err(LockstepError::<RunError>::from)?;
+    let board = session.greet()?;
     let warnings = check(call, &plan, &board, model.as_ref())?;
     // Whatever the board refuses, it refuses before there is a directory and before anything moves.
     let mut parameters = Vec::new();
@@ -68,8 +68,8 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let facts = Facts {
         place: &call.at.board,
         board: &board,
-        image: image.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
-        plant: plant_file.as_ref().map(|(name, content)| (name.as_str(), content.as_slice())),
+        image: image.as_ref().map(output::parts),
+        plant: plant_file.as_ref().map(output::parts),
         controllers: &plan.controllers,
         reference_files: &plan.reference_files,
         experiments: &plan.experiments,

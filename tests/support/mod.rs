@@ -11,6 +11,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
 
 /// Of cases that each cost a diagnosis the first, or all with HYSTERON_LONG=1 (`cargo xtask long`).
 pub fn asked<T, const N: usize>(cases: [T; N]) -> impl Iterator<Item = T> {
@@ -85,6 +86,16 @@ impl Drop for Folder {
 
 /// A process that does not outlive its test.
 pub struct Kept(pub Child);
+
+impl Kept {
+    /// Waits for what it is to bring about before it ends.
+    pub fn until(&mut self, is_there: impl Fn() -> bool) {
+        while !is_there() {
+            assert!(self.0.try_wait().expect("a child").is_none(), "it ended by itself");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
 
 impl Drop for Kept {
     fn drop(&mut self) {

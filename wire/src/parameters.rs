@@ -366,7 +366,7 @@ impl Parameters {
             ("link_timeout_s", self.link_timeout_s),
         ];
         for (field, value) in positive {
-            // Infinity is none of them that must end.
+            // Infinity is never, of a tolerance and a timeout.
             if value.is_nan() || value <= 0.0 {
                 return Err(ParameterError::NotPositive { field });
             }
