@@ -15,6 +15,7 @@ use plant_sim::effects::{Parameter, Scope, find};
 use plant_sim::model::Model;
 use plant_sim::param::Param;
 use serde::Serialize;
+use std::borrow::Borrow;
 
 /// Sigma that a number gets whose stated one was found wrong, as a logarithm: the logs alone decide.
 const NO_PRIOR: f64 = 10.0;
@@ -91,7 +92,7 @@ pub(super) fn augment(
         if named.is_some() && !has_gap(&base) {
             base = search.polish_from(base, &nominal(search));
         }
-        return Augmented::by_fit(search, finely(search, fine, base), freed, random);
+        return Augmented::by_fit(search, finely(search, || fine, base), freed, random);
     }
     let mut model = bench.model.clone();
     let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
@@ -119,17 +120,18 @@ pub(super) fn augment(
     let home: Vec<f64> =
         bench.free.iter().zip(&found.z).map(|(free, z)| if is_wrong(free.quantity) { *z } else { 0.0 }).collect();
     let candidate = come_home(&search, search.candidate(hypothesis, found), &home);
-    let candidate = finely(&search, &plants::fine(&model, bench.records.clone()), candidate);
+    let candidate = finely(&search, || plants::fine(&model, bench.records.clone()), candidate);
     Augmented::by_fit(&search, candidate, freed, random)
 }
 
-/// A fit near the noise whose laws the search followed coarsely, as `fine` follows them.
-fn finely(search: &Search<'_>, fine: &Bench<'_>, fit: Candidate) -> Candidate {
+/// A fit near the noise whose laws the search followed coarsely, as the bench of `fine` follows them, which is not made for others.
+fn finely<'a, B: Borrow<Bench<'a>>>(search: &Search<'_>, fine: impl FnOnce() -> B, fit: Candidate) -> Candidate {
     let has_laws = search.bench.chain_at(&fit.hypothesis, &fit.found.z, 0).parts.need_substeps();
     if !has_laws || fit.chi >= NEAR {
         return fit;
     }
-    let found = descend(fine, &fit.hypothesis, fit.found.z.clone(), &AGAIN[1..], f64::INFINITY, search.simulations);
+    let (fine, z) = (fine(), fit.found.z.clone());
+    let found = descend(fine.borrow(), &fit.hypothesis, z, &AGAIN[1..], f64::INFINITY, search.simulations);
     Candidate { found, ..fit }
 }
 
