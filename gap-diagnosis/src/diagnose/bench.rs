@@ -362,6 +362,13 @@ impl<'a> Bench<'a> {
         Self { stroke_m, drive_v, rate_v_per_s, ..Self::new(self.model, records) }
     }
 
+    /// The same bench with so many times its noise.
+    pub fn noisier(&self, times: f64) -> Self {
+        let mut bench = self.part(self.records.clone());
+        bench.records.iter_mut().for_each(|record| record.noise_m *= times);
+        bench
+    }
+
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());

@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::directions::{FREED_BESIDES, NEARLY_ALL};
 use super::judge::{RESOLVED, Say};
-use super::refit::{AT_NOISE, come_home, nominal};
+use super::refit::{AT_NOISE, BENT_COST, come_home, nominal};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
 use super::symmetry::along;
@@ -22,6 +22,9 @@ const AS_MUCH: f64 = 0.85;
 const NO_RIVAL: f64 = 2.0;
 const FAR_BEHIND: f64 = 6.0;
 const MOST_FITS: usize = 5;
+/// So many effects at most may hide in the numbers of a refit, and the share of what the stated ones leave that counts as noise then.
+const HIDDEN: usize = 8;
+const AS_NOISE: f64 = 0.5;
 /// Lags look alike to a score test: if one scores, all are fitted.
 const LAGS: [&str; 4] = ["transport_delay", "amplifier_bandwidth", "sensor_bandwidth", "amplifier_slew"];
 /// Damping ratio that a lag of second order is tried with: flat to its corner.
@@ -103,8 +106,11 @@ impl Fits<'_> {
         if leads.first().is_none_or(|lead| lead.share < HOPELESS) && !fits.first().is_some_and(is_start) {
             return fits;
         }
-        if fits.first().is_some_and(|best| self.left(best) > PAIR_BEYOND && best.chi > NEAR_NOISE) {
-            fits.extend(self.pairs(&fits, leads));
+        if let Some(best) = fits.first().filter(|best| best.chi > NEAR_NOISE) {
+            // Where the first leaves little, its form may be what is wrong: only a second that leaves nothing is one.
+            let is_little = self.left(best) < PAIR_BEYOND;
+            let pairs = self.pairs(&fits, leads);
+            fits.extend(pairs.into_iter().filter(|pair| !is_little || pair.chi < AT_NOISE));
         }
         fits
     }
@@ -123,6 +129,20 @@ impl Fits<'_> {
         let leads = self.search.screen(base, &starts, self.without);
         let first = distinct(&leads).into_iter().take(FIRST).map(|lead| self.simplest(lead, &leads));
         first.map(|lead| self.search.extend_below(base, lead, false, f64::INFINITY)).collect()
+    }
+
+    /// Fits at the noise of what hides in the numbers of a refit: where as much as the numbers as they are stated leave counts as noise, their priors
+    /// hold them, and what has bent them shows.
+    pub fn hidden_in_numbers(&self) -> Vec<Candidate> {
+        (self.say)("looking for what the numbers hide", 0.66);
+        let bench = self.search.bench.noisier(AS_NOISE * self.search.unfitted(&self.refit.hypothesis).max(1.0).sqrt());
+        let held = Search { bench: &bench, ..*self.search };
+        let refit = held.refit(self.refit.hypothesis.freedom);
+        let leads = held.screen(&refit, &Starts::of(&bench, &held.play(&refit)), self.without);
+        let worth = distinct(&leads).into_iter().filter(|lead| lead.gain > RESOLVED).take(HIDDEN);
+        let fits = worth.map(|lead| held.extend_below(&refit, self.simplest(lead, &leads), true, f64::INFINITY));
+        let is_ordinary = |fit: &Candidate| fit.found.prior_cost < BENT_COST;
+        fits.filter(is_ordinary).map(|fit| self.search.taken_on(&fit)).filter(|fit| fit.chi < AT_NOISE).collect()
     }
 
     fn left(&self, candidate: &Candidate) -> f64 {

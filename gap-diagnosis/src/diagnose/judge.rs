@@ -7,7 +7,7 @@ use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_wor
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
-use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, nominal, refitted};
+use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, led_without_one, nominal, refitted};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
@@ -59,6 +59,11 @@ impl Course {
         has_gap(&self.refit)
     }
 
+    /// Whether no explanation is as probable as that there is none.
+    fn is_unknown(&self) -> bool {
+        self.has_gap() && self.explanations.iter().all(|explanation| explanation.probability < self.unknown)
+    }
+
     /// This is what stays of a gap whose mean square was `whole`, in units of the noise, once lost rows are known: what is unknown of it counts by
     /// the fraction of the gap that it leaves, as behind any other effect.
     pub fn stays_of(&mut self, whole: f64) {
@@ -94,7 +99,10 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
         again if is_of_starts(fit) => come_home(search, search.resettled(again, &fit.found.z, &[]), &nominal(search)),
         again => again,
     });
-    match again.filter(|again| again.left(&course.refit, 1.0) < MUCH_BETTER) {
+    let is_better = |again: &Candidate| again.left(&course.refit, 1.0) < MUCH_BETTER;
+    // What nothing explains may be no more than a log that is locked.
+    let unlocked = || course.is_unknown().then(|| led_without_one(search, course.refit.clone())).filter(is_better);
+    match again.filter(is_better).or_else(unlocked) {
         Some(refit) => explain(search, refit, without, say),
         None => course,
     }
@@ -112,8 +120,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let fitting = Fits { search, refit: &refit, without, say };
     if !has_gap(&refit) {
         let below = below_noise(&fitting);
-        let (refit, below) = below.unwrap_or((refit, Vec::new()));
-        return without_gap(search, refit, scattered, &below, without);
+        let (refit, below) = below.unwrap_or_else(|| (refit.clone(), Vec::new()));
+        return without_gap(&fitting, refit, scattered, &below);
     }
     let starts = Starts::of(search.bench, &remainders);
     say("screening the registry", 0.15);
@@ -152,13 +160,8 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
 }
 
 /// Explains the numbers of a refit that leaves no gap: only the cost of their shifts speaks, and it is a proper chi-square.
-fn without_gap(
-    search: &Search<'_>,
-    refit: Candidate,
-    scattered: Scattered,
-    below: &[(Candidate, f64)],
-    without: &[&str],
-) -> Course {
+fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below: &[(Candidate, f64)]) -> Course {
+    let (search, without) = (fitting.search, fitting.without);
     let floor = least_fraction(&refit, 1.0);
     let shifts = Shifts::of(search, &refit);
     let freed = shifts.as_ref().map_or_else(Vec::new, |shifts| shifts.freed(&[]));
@@ -170,21 +173,42 @@ fn without_gap(
     explanations.extend(by_symmetry(pairs, &refit, 0.0, floor, without, FREED_AT_NOISE));
     let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE * e.freed.len() as f64;
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
+    let repeats = search.repeats(&refit);
+    let misfit = |fit: &Candidate| fit.found.data_cost / repeats + search.cost_of_starts(fit);
+    // Each number more speaks against a fit (Akaike 1974).
+    let score = |fit: &Candidate, cost: f64, more: usize| {
+        -0.5 * (cost + misfit(fit) - misfit(&refit)) - more as f64 - LOOK_ELSEWHERE
+    };
     if cost > BENT_COST {
-        let repeats = search.repeats(&refit);
-        let misfit = |fit: &Candidate| fit.found.data_cost / repeats + search.cost_of_starts(fit);
-        // One number more for each log but one speaks against it (Akaike 1974).
-        let more = search.bench.records.len().saturating_sub(1) as f64;
+        let more = search.bench.records.len().saturating_sub(1);
         // Where a setting moves a log far, a start that began at rest takes it for itself.
         let seek = |hypothesis: &Hypothesis| {
             cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
         };
         for (fit, cost) in set_in_each_log(search, &refit, without, seek) {
-            scores.push(-0.5 * (cost + misfit(&fit) - misfit(&refit)) - more - LOOK_ELSEWHERE);
+            scores.push(score(&fit, cost, more));
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }
-    let mut doubts = vec![NO_UNKNOWN; scores.len()];
+    let least = explanations.iter().map(|explanation| explanation.judged.prior_cost).fold(cost, f64::min);
+    if least > BENT_COST {
+        let led = led_without_one(search, refit.clone());
+        if led.found.prior_cost < BENT_COST {
+            return without_gap(fitting, led, scattered, &[]);
+        }
+        for (fit, cost) in ordinary(search, fitting.hidden_in_numbers().into_iter()) {
+            scores.push(score(&fit, cost, fit.hypothesis.parameters()));
+            explanations.push(Explanation::by_fit(&fit, 0.0, floor));
+        }
+    }
+    // What neither directions nor effects make ordinary is hardly known.
+    for explanation in &mut explanations {
+        explanation.judged.of_worst = explanation.freed.iter().map(Freed::unexplained).fold(0.0, f64::max);
+    }
+    let mut doubts: Vec<f64> = explanations
+        .iter()
+        .map(|e| if e.judged.of_worst > 0.0 { e.judged.doubt().max(NO_UNKNOWN) } else { NO_UNKNOWN })
+        .collect();
     for (fit, shows) in below {
         scores.push(SHOWN * shows - 0.5 * cost_of_fit(search, fit) - LOOK_BELOW);
         doubts.push(DOUBT_BELOW);
@@ -220,6 +244,11 @@ fn set_in_each_log(
         let is_setting = hypothesis.installed.last().is_some_and(|installed| installed.is_setting());
         is_setting.then(|| seek(&hypothesis))
     });
+    ordinary(search, fits)
+}
+
+/// Those of `fits` that are at the noise with ordinary numbers, and what the shifts of each cost.
+fn ordinary(search: &Search<'_>, fits: impl Iterator<Item = Candidate>) -> Vec<(Candidate, f64)> {
     let with_cost = fits.filter(|fit| fit.chi < AT_NOISE).map(|fit| {
         let cost = cost_of_fit(search, &fit);
         (fit, cost)

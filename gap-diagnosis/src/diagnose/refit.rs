@@ -46,6 +46,30 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
     if has_gap(&refit) { refitted_in_parts(search, refit) } else { refit }
 }
 
+/// A refit that leaves a gap, or numbers that no plant has, again from where all logs but one lead, if these show none: a start that was led astray
+/// bends the numbers of all logs until no start of its own log finds a way back. The log that is fitted worst is the first to be left out. The best of all.
+pub(super) fn led_without_one(search: &Search<'_>, mut refit: Candidate) -> Candidate {
+    let bench = search.bench;
+    let chis = search.chis(&refit.found);
+    let mut order: Vec<usize> = (0..chis.len()).collect();
+    order.sort_by(|a, b| chis[*b].total_cmp(&chis[*a]));
+    for one in order.into_iter().filter(|_| chis.len() > 2) {
+        let mut records = bench.records.clone();
+        records.remove(one);
+        let part = bench.part(records);
+        let of_others = Search { bench: &part, ..*search };
+        let found = of_others.refit(refit.hypothesis.freedom);
+        if has_gap(&found) {
+            continue;
+        }
+        refit = come_home(search, search.joined(refit, &found, one), &nominal(search));
+        if !has_gap(&refit) && !is_bent(&refit) {
+            break;
+        }
+    }
+    refit
+}
+
 /// A refit that leaves a gap in few logs again, from where the worst of them and each of the others in turn end together: logs lock one another
 /// now and then, though each could be fitted. The best of all.
 fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {

@@ -37,6 +37,14 @@ impl Diagnosis {
             Verdict::NoGap => {
                 format!("There is no gap beyond what the plant's stated uncertainties allow: {shrink}.")
             }
+            // What a refit takes for itself lies nowhere in what it leaves.
+            Verdict::Unknown if self.location.total.share_percent == 0.0 && !self.changed.is_empty() => {
+                let numbers: Vec<&str> = self.changed.iter().map(|changed| changed.name.as_str()).collect();
+                format!(
+                    "There is a gap, and no entry of the registry explains it; numbers that no plant has take it for themselves ({}): {shrink}.",
+                    numbers.join(", ")
+                )
+            }
             Verdict::Unknown => format!(
                 "There is a gap, and no entry of the registry explains it; after the refit it lies here: {}.",
                 strongest(&self.location)

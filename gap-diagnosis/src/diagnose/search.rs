@@ -5,7 +5,7 @@ use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::carry;
 use super::screen::{Lead, Starts, screen};
-use super::starts::{settle, settle_anew};
+use super::starts::{settle, settle_anew, settle_in_all_of};
 use crate::residual::samples_per_independent;
 use plant_sim::effects::{Effect, Form, Kind, Parameter, Role};
 use rand::{RngExt, SeedableRng};
@@ -190,6 +190,11 @@ impl Search<'_> {
         self.descend(hypothesis, self.settled(hypothesis), &LAST_STAGES)
     }
 
+    /// A fit on another bench of the same logs, from where it ended there.
+    pub fn taken_on(&self, fit: &Candidate) -> Candidate {
+        self.led_by_others(self.descend(&fit.hypothesis, fit.found.z.clone(), &LAST_STAGES))
+    }
+
     /// Mean square that the nominal numbers leave, starts settled, in units of the noise.
     pub fn unfitted(&self, nominal: &Hypothesis) -> f64 {
         let z = self.settled(nominal);
@@ -253,6 +258,17 @@ impl Search<'_> {
             }
         }
         let other = self.descend(nominal, z, &LAST_STAGES);
+        cheaper(refit, other)
+    }
+
+    /// The refit from where `others` lead, all logs but number `one`, whose start suits all of it; the better of both.
+    pub fn joined(&self, refit: Candidate, others: &Candidate, one: usize) -> Candidate {
+        let (bench, hypothesis) = (self.bench, &refit.hypothesis);
+        let at = bench.own_start(hypothesis, one);
+        let mut z = others.found.z.clone();
+        z.splice(at..at, bench.origin(hypothesis)[at..at + bench.own(hypothesis)].iter().copied());
+        settle_in_all_of(bench, hypothesis, &mut z, one);
+        let other = self.descend(hypothesis, z, &LAST_STAGES);
         cheaper(refit, other)
     }
 

@@ -87,6 +87,15 @@ pub(super) fn settle_anew(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f
     }
 }
 
+/// Fits the start of log `index` to all of it, from where it is and from every corner: where numbers are known, what a hysteron holds that moves late shows.
+pub(super) fn settle_in_all_of(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], index: usize) {
+    let log = FirstStretch::new(bench, hypothesis, index).whole();
+    let settlings = log.settlings(z.to_vec());
+    if let Some(best) = settlings.min_by(|a, b| a.mean2.total_cmp(&b.mean2)) {
+        z.copy_from_slice(&best.z);
+    }
+}
+
 /// A start that has settled in the first stretch of its log.
 pub(super) struct Settled {
     /// Coordinates.
