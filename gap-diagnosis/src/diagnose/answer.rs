@@ -10,7 +10,7 @@ use super::judge::Course;
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
 use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, size_of_scatter};
-use super::refit::{has_gap, refitted};
+use super::refit::{has_gap, led_without_one, refitted};
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, leading, named, probability, ranking, set90};
@@ -318,7 +318,8 @@ pub(super) fn answer(
 fn is_one_plant(search: &Search<'_>, course: &Course, benches: &Benches<'_>) -> bool {
     let bench = Bench::new(search.bench.model, benches.records().cloned().map(Record::whole).collect());
     let search = Search { bench: &bench, simulations: search.simulations };
-    !has_gap(&refitted(&search, course.refit.hypothesis.freedom))
+    let refit = refitted(&search, course.refit.hypothesis.freedom);
+    !has_gap(&refit) || !has_gap(&led_without_one(&search, refit))
 }
 
 /// The three plants on all logs.
