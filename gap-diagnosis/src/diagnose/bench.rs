@@ -362,10 +362,13 @@ impl<'a> Bench<'a> {
         Self { stroke_m, drive_v, rate_v_per_s, ..Self::new(self.model, records) }
     }
 
-    /// The same bench with so many times its noise.
+    /// The same bench with so many times its noise, the monitor's as well.
     pub fn noisier(&self, times: f64) -> Self {
         let mut bench = self.part(self.records.clone());
-        bench.records.iter_mut().for_each(|record| record.noise_m *= times);
+        for record in &mut bench.records {
+            record.noise_m *= times;
+            record.monitor_v = record.monitor_v.map(|sigma_v| times * sigma_v);
+        }
         bench
     }
 

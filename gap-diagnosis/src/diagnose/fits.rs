@@ -131,11 +131,16 @@ impl Fits<'_> {
         first.map(|lead| self.search.extend_below(base, lead, false, f64::INFINITY)).collect()
     }
 
-    /// Fits at the noise of what hides in the numbers of a refit: where as much as the numbers as they are stated leave counts as noise, their priors
-    /// hold them, and what has bent them shows.
+    /// Fits at the noise of what hides in the numbers of a refit: where half of what the numbers as they are stated leave counts as noise, their priors
+    /// may hold them, and what has bent them shows.
     pub fn hidden_in_numbers(&self) -> Vec<Candidate> {
         (self.say)("looking for what the numbers hide", 0.66);
-        let bench = self.search.bench.noisier(AS_NOISE * self.search.unfitted(&self.refit.hypothesis).max(1.0).sqrt());
+        let times = AS_NOISE * self.search.unfitted(&self.refit.hypothesis).sqrt();
+        // What is no larger than the noise has bent no number far.
+        if times.is_nan() || times < 1.0 {
+            return Vec::new();
+        }
+        let bench = self.search.bench.noisier(times);
         let held = Search { bench: &bench, ..*self.search };
         let refit = held.refit(self.refit.hypothesis.freedom);
         let leads = held.screen(&refit, &Starts::of(&bench, &held.play(&refit)), self.without);

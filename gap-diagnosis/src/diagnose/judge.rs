@@ -7,11 +7,13 @@ use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_wor
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of};
-use super::refit::{AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, led_without_one, nominal, refitted};
+use super::refit::{
+    AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, is_bent, led_without_one, nominal, refitted,
+};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
-use super::symmetry::{Freed, Shifts, freed};
+use super::symmetry::{Freed, Shifts, freed, unexplained};
 use plant_sim::effects::{Kind, REGISTRY};
 
 /// Chi-square that a comparison of two fits resolves.
@@ -101,7 +103,8 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
     });
     let is_better = |again: &Candidate| again.left(&course.refit, 1.0) < MUCH_BETTER;
     // What nothing explains may be no more than a log that is locked.
-    let unlocked = || course.is_unknown().then(|| led_without_one(search, course.refit.clone())).filter(is_better);
+    let is_unlocked = |led: &Candidate| !has_gap(led) || led.chi < course.refit.chi && is_better(led);
+    let unlocked = || course.is_unknown().then(|| led_without_one(search, course.refit.clone())).filter(is_unlocked);
     match again.filter(is_better).or_else(unlocked) {
         Some(refit) => explain(search, refit, without, say),
         None => course,
@@ -192,23 +195,24 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
     }
     let least = explanations.iter().map(|explanation| explanation.judged.prior_cost).fold(cost, f64::min);
     if least > BENT_COST {
-        let led = led_without_one(search, refit.clone());
-        if led.found.prior_cost < BENT_COST {
-            return without_gap(fitting, led, scattered, &[]);
+        if is_bent(&refit) {
+            let led = led_without_one(search, refit.clone());
+            if !has_gap(&led) && !is_bent(&led) {
+                return explain(search, led, without, fitting.say);
+            }
         }
         for (fit, cost) in ordinary(search, fitting.hidden_in_numbers().into_iter()) {
-            scores.push(score(&fit, cost, fit.hypothesis.parameters()));
+            scores.push(score(&fit, cost, fit.found.z.len() - refit.found.z.len()));
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }
-    // What neither directions nor effects make ordinary is hardly known.
-    for explanation in &mut explanations {
-        explanation.judged.of_worst = explanation.freed.iter().map(Freed::unexplained).fold(0.0, f64::max);
-    }
-    let mut doubts: Vec<f64> = explanations
-        .iter()
-        .map(|e| if e.judged.of_worst > 0.0 { e.judged.doubt().max(NO_UNKNOWN) } else { NO_UNKNOWN })
-        .collect();
+    // What neither directions nor effects make ordinary is hardly known. No gap is resolved here, so that no floor counts.
+    let doubt = |explanation: &Explanation| {
+        let unexplained = explanation.freed.first().map_or(0.0, |freed| unexplained(freed.cost, cost));
+        let judged = Judged { of_worst: unexplained, floor: 0.0, ..explanation.judged.clone() };
+        if unexplained > 0.0 { judged.doubt().max(NO_UNKNOWN) } else { NO_UNKNOWN }
+    };
+    let mut doubts: Vec<f64> = explanations.iter().map(doubt).collect();
     for (fit, shows) in below {
         scores.push(SHOWN * shows - 0.5 * cost_of_fit(search, fit) - LOOK_BELOW);
         doubts.push(DOUBT_BELOW);

@@ -108,7 +108,8 @@ pub(super) fn nominal(search: &Search<'_>) -> Vec<f64> {
     vec![0.0; search.bench.free.len()]
 }
 
-fn is_bent(refit: &Candidate) -> bool {
+/// Whether the numbers have shifted as those of no plant do.
+pub(super) fn is_bent(refit: &Candidate) -> bool {
     refit.found.prior_cost > BENT_COST
 }
 

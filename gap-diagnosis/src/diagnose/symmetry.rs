@@ -60,12 +60,17 @@ impl Freed {
 
     /// Fraction of the shifts' cost, as amplitude, that stays once the direction is free, and that shifts within their sigmas do not have.
     pub fn unexplained(&self) -> f64 {
-        ((self.cost - BENT_COST).max(0.0) / self.cost_without.max(f64::MIN_POSITIVE)).sqrt()
+        unexplained(self.cost, self.cost_without)
     }
 
     fn is(&self, (effect, quantity, _): &Direction) -> bool {
         (self.effect, self.quantity) == (*effect, *quantity)
     }
+}
+
+/// Fraction of `whole`, what shifts cost, that stays as amplitude where they cost `cost`, beyond what shifts within their sigmas do.
+pub(super) fn unexplained(cost: f64, whole: f64) -> f64 {
+    ((cost - BENT_COST).max(0.0) / whole.max(f64::MIN_POSITIVE)).sqrt()
 }
 
 /// The identifiers decided here rather than by simulation: a drive monitor shows the amplifier's gain, and an offset is imitated where
