@@ -362,6 +362,13 @@ impl<'a> Bench<'a> {
         Self { stroke_m, drive_v, rate_v_per_s, ..Self::new(self.model, records) }
     }
 
+    /// The bench without log `index`.
+    pub fn without(&self, index: usize) -> Self {
+        let mut records = self.records.clone();
+        records.remove(index);
+        self.part(records)
+    }
+
     /// The same bench with so many times its noise, the monitor's as well.
     pub fn noisier(&self, times: f64) -> Self {
         let mut bench = self.part(self.records.clone());

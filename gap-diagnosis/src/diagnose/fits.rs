@@ -46,9 +46,9 @@ const FEW_MORE: usize = 2;
 const MUCH_LESS: f64 = 0.5;
 /// .. where that was at least so much of the gap's power.
 const PROMISING: f64 = 0.3;
-/// A single explanation that leaves more than this invites a second effect.
+/// Beside a single explanation that leaves less than this a second effect has to leave nothing.
 pub(super) const PAIR_BEYOND: f64 = 0.08;
-/// .. by this much of the noise's power: less is a matter of the first one's form.
+/// A single explanation that leaves more than this, in units of the noise's power, invites a second effect: less is a matter of its form.
 const NEAR_NOISE: f64 = 1.12;
 /// .. and so does the next best, if it leaves less than this many times as much, ..
 const AS_GOOD: f64 = 1.5;
@@ -131,7 +131,7 @@ impl Fits<'_> {
         first.map(|lead| self.search.extend_below(base, lead, false, f64::INFINITY)).collect()
     }
 
-    /// Fits at the noise of what hides in the numbers of a refit: where half of what the numbers as they are stated leave counts as noise, their priors
+    /// Fits of what hides in the numbers of a refit: where half of what the numbers as they are stated leave counts as noise, their priors
     /// may hold them, and what has bent them shows.
     pub fn hidden_in_numbers(&self) -> Vec<Candidate> {
         (self.say)("looking for what the numbers hide", 0.66);
@@ -147,7 +147,7 @@ impl Fits<'_> {
         let worth = distinct(&leads).into_iter().filter(|lead| lead.gain > RESOLVED).take(HIDDEN);
         let fits = worth.map(|lead| held.extend_below(&refit, self.simplest(lead, &leads), true, f64::INFINITY));
         let is_ordinary = |fit: &Candidate| fit.found.prior_cost < BENT_COST;
-        fits.filter(is_ordinary).map(|fit| self.search.taken_on(&fit)).filter(|fit| fit.chi < AT_NOISE).collect()
+        fits.filter(is_ordinary).map(|fit| self.search.taken_on(&fit)).collect()
     }
 
     fn left(&self, candidate: &Candidate) -> f64 {

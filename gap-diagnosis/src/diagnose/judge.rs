@@ -179,7 +179,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
     let repeats = search.repeats(&refit);
     let misfit = |fit: &Candidate| fit.found.data_cost / repeats + search.cost_of_starts(fit);
     // Each number more speaks against a fit (Akaike 1974).
-    let score = |fit: &Candidate, cost: f64, more: usize| {
+    let score_of = |fit: &Candidate, cost: f64, more: usize| {
         -0.5 * (cost + misfit(fit) - misfit(&refit)) - more as f64 - LOOK_ELSEWHERE
     };
     if cost > BENT_COST {
@@ -189,7 +189,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
             cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
         };
         for (fit, cost) in set_in_each_log(search, &refit, without, seek) {
-            scores.push(score(&fit, cost, more));
+            scores.push(score_of(&fit, cost, more));
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }
@@ -202,7 +202,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
             }
         }
         for (fit, cost) in ordinary(search, fitting.hidden_in_numbers().into_iter()) {
-            scores.push(score(&fit, cost, fit.found.z.len() - refit.found.z.len()));
+            scores.push(score_of(&fit, cost, fit.found.z.len() - refit.found.z.len()));
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
     }

@@ -54,11 +54,8 @@ pub(super) fn led_without_one(search: &Search<'_>, mut refit: Candidate) -> Cand
     let mut order: Vec<usize> = (0..chis.len()).collect();
     order.sort_by(|a, b| chis[*b].total_cmp(&chis[*a]));
     for one in order.into_iter().filter(|_| chis.len() > 2) {
-        let mut records = bench.records.clone();
-        records.remove(one);
-        let part = bench.part(records);
-        let of_others = Search { bench: &part, ..*search };
-        let found = of_others.refit(refit.hypothesis.freedom);
+        let others = bench.without(one);
+        let found = Search { bench: &others, ..*search }.refit(refit.hypothesis.freedom);
         if has_gap(&found) {
             continue;
         }

@@ -231,8 +231,7 @@ fn score(
     logs: &[usize],
     simulations: &AtomicUsize,
 ) -> Vec<Option<Scored>> {
-    let mut weights = noise_weights(bench);
-    (0..weights.len()).filter(|log| !logs.contains(log)).for_each(|log| weights[log] = 0.0);
+    let weights = noise_weights(bench);
     let size = found.z.len();
     let offsets: Vec<usize> = blocks
         .iter()

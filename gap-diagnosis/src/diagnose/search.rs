@@ -164,10 +164,8 @@ impl Search<'_> {
         let (bench, hypothesis) = (self.bench, &candidate.hypothesis);
         let at = bench.own_start(hypothesis, index);
         let own = at..at + bench.own(hypothesis);
-        let (mut records, mut of_others) = (bench.records.clone(), candidate.found.z.clone());
-        records.remove(index);
+        let (others, mut of_others) = (bench.without(index), candidate.found.z.clone());
         of_others.drain(own.clone());
-        let others = bench.part(records);
         let mut z = descend(&others, hypothesis, of_others, &LAST_STAGES, f64::INFINITY, self.simulations).z;
         z.splice(at..at, candidate.found.z[own].iter().copied());
         settle_anew(bench, hypothesis, &mut z, index);
