@@ -77,7 +77,7 @@ impl Course {
         self.unknown *= doubt;
     }
 
-    fn new(refit: Candidate, explanations: Vec<Explanation>, scattered: Scattered) -> Self {
+    pub(super) fn new(refit: Candidate, explanations: Vec<Explanation>, scattered: Scattered) -> Self {
         let (leads, line_hz) = (Vec::new(), Vec::new());
         Self { refit, explanations, unknown: 0.0, no_gap: 0.0, leads, scattered, line_hz }
     }

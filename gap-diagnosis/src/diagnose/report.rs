@@ -1,7 +1,7 @@
 //! The page of a diagnosis: what [`Diagnosis`] and its evidence say, put into a [`DiagnosisView`], and the verdict in one sentence.
 
 use super::answer::{Diagnosis, LogEvidence, Rival};
-use super::verdict::Verdict;
+use super::verdict::{Verdict, probability};
 use crate::locate::strongest;
 use crate::page::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, Page, RankView,
@@ -51,8 +51,7 @@ impl Diagnosis {
             ),
             Verdict::Explained => {
                 let titles: Vec<String> = self.effects.iter().map(|id| self.title(id)).collect();
-                let probability: f64 =
-                    self.ranking.iter().filter(|r| self.effects.contains(&r.effect)).map(|r| r.probability).sum();
+                let of_named: f64 = self.effects.iter().map(|id| probability(&self.ranking, id)).sum();
                 let stage = self.stage.map_or(String::new(), |stage| format!(" ({stage})"));
                 let open = if self.classes.is_empty() {
                     String::new()
@@ -60,7 +59,14 @@ impl Diagnosis {
                     let classes: Vec<String> = self.classes.iter().map(|class| class.members.join(" / ")).collect();
                     format!(", which these logs cannot tell apart: {}", classes.join("; "))
                 };
-                format!("The gap is {}{stage}, {:.0} %{open}: {shrink}.", titles.join(" and "), 100.0 * probability)
+                let unknown = probability(&self.ranking, "unknown");
+                let or_none = if unknown > of_named {
+                    format!(", or none that the registry has, {:.0} %", 100.0 * unknown)
+                } else {
+                    String::new()
+                };
+                let named = titles.join(" and ");
+                format!("The gap is {named}{stage}, {:.0} %{open}{or_none}: {shrink}.", 100.0 * of_named)
             }
         }
     }

@@ -65,7 +65,8 @@ impl Class {
 /// The explanation that is named, and the entries that these logs can't tell from it; none for `no_gap` and `unknown`.
 ///
 /// Explanations that these logs can't tell apart count together, and so do those that share an effect: the truth doesn't become less
-/// probable by having a twin, nor by having company.
+/// probable by having a twin, nor by having company. That is asked of `no_gap`; `unknown` says that no entry explains the gap, which is wrong where
+/// all entries together are the more probable, however many share that.
 pub(super) fn named<'c>(
     search: &Search<'_>,
     course: &'c Course,
@@ -81,7 +82,8 @@ pub(super) fn named<'c>(
                 .is_some_and(|both| classes.iter().any(|class| class.holds(both)))
     });
     let together = top.probability + with.map(|other| other.probability).sum::<f64>();
-    if together > course.unknown && together > course.no_gap {
+    let known: f64 = course.explanations.iter().map(|explanation| explanation.probability).sum();
+    if known > course.unknown && together > course.no_gap {
         (Verdict::Explained, Some(top), classes)
     } else {
         (otherwise, None, Vec::new())
@@ -282,6 +284,39 @@ pub(super) fn differing<'i>(a: &[&'i str], b: &[&'i str]) -> Option<[&'i str; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::bench::{Bench, Freedom};
+    use crate::diagnose::records::record;
+    use crate::diagnose::spread::Scattered;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+    use std::sync::atomic::AtomicUsize;
+
+    /// That none of the registry's explains a gap is not said where all of them together are more probable, though each is less.
+    #[test]
+    fn unknown_is_weighed_against_all_that_explain() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![1e-8; 400], ..Log::default() };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
+        let refit = search.refit(Freedom::Rest);
+        let explanation = |(id, probability): (&'static str, f64)| {
+            let mut explanation = Explanation::by_fit(&refit, 0.6, 0.01);
+            explanation.judged.ids = vec![id];
+            explanation.probability = probability;
+            explanation
+        };
+        let said = |of: &[(&'static str, f64)], unknown: f64, no_gap: f64| {
+            let explanations = of.iter().copied().map(explanation).collect();
+            let course = Course { unknown, no_gap, ..Course::new(refit.clone(), explanations, Scattered::default()) };
+            let (verdict, top, _) = named(&search, &course, &[]);
+            (verdict, top.map(|top| top.judged.ids[0]))
+        };
+        let lags = [("amplifier_bandwidth", 0.3), ("transport_delay", 0.25)];
+        assert_eq!(said(&lags, 0.45, 0.0), (Verdict::Explained, Some("amplifier_bandwidth")));
+        assert_eq!(said(&lags[..1], 0.7, 0.0), (Verdict::Unknown, None));
+        // None that is less probable than that there is no gap.
+        assert_eq!(said(&lags, 0.01, 0.44), (Verdict::NoGap, None));
+    }
 
     #[test]
     fn the_set_is_the_smallest() {

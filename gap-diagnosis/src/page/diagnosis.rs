@@ -299,8 +299,8 @@ fn gap(page: &mut Page, view: &DiagnosisView) {
         "µm²",
         &[
             part("noise", noise.min(nominal), Ink::Measured),
-            part("explained by the refit of nominal parameters", nominal - refit, Ink::Extra),
-            part("explained by the named effects", refit - left, Ink::Model),
+            part("explained by a refit alone", nominal - refit, Ink::Extra),
+            part("explained only with the named effects", refit - left, Ink::Model),
             part("unexplained", left - noise, Ink::Error),
         ],
     );
