@@ -356,10 +356,10 @@ fn sigma_of(param: &Param, assumed: f64) -> f64 {
 }
 
 impl<'a> Bench<'a> {
-    /// The same with other logs of it, or fewer: what coordinates count in stays, so that those of the one are those of the other.
+    /// The same with some of its records: what coordinates and residuals count in stays, so that those of the one are those of the other.
     pub fn part(&self, records: Vec<Record<'a>>) -> Self {
         let Self { stroke_m, drive_v, rate_v_per_s, .. } = *self;
-        Self { stroke_m, drive_v, rate_v_per_s, ..Self::new(self.model, records) }
+        Self { stroke_m, drive_v, rate_v_per_s, ..Self::of(self.model, records) }
     }
 
     /// The bench without log `index`.
@@ -382,6 +382,11 @@ impl<'a> Bench<'a> {
     /// A bench of `records`.
     pub fn new(model: &'a Model, mut records: Vec<Record<'a>>) -> Self {
         super::records::share_noise(&mut records, model.sensor.noise_um.as_ref());
+        Self::of(model, records)
+    }
+
+    /// The same of records that know their noise.
+    fn of(model: &'a Model, records: Vec<Record<'a>>) -> Self {
         let mut base = Base { chain: model.nominal_chain(), effects: model.effects.clone() };
         // What the plant states it must replay; a bend that is followed coarsely leaves a gap of its own.
         base.chain.parts.is_coarse = model.chain().parts.bends.is_empty();
@@ -427,7 +432,6 @@ impl<'a> Bench<'a> {
 
     /// Sizes for the registry.
     pub fn scales(&self) -> Scales<'_> {
-        let longest = |of: &dyn Fn(&Log) -> f64| self.records.iter().map(|r| of(r.log)).fold(0.0, f64::max);
         let range = |of: &dyn Fn(&Log) -> [f64; 2]| {
             self.records
                 .iter()
@@ -441,8 +445,8 @@ impl<'a> Bench<'a> {
             stroke_m: self.stroke_m,
             drive_v: self.drive_v,
             rate_v_per_s: self.rate_v_per_s,
-            sample_s: longest(&|log| log.dt_s),
-            longest_s: longest(&|log| log.len() as f64 * log.dt_s),
+            sample_s: self.records.iter().map(|r| r.log.dt_s).fold(f64::INFINITY, f64::min),
+            longest_s: self.records.iter().map(|r| r.log.len() as f64 * r.log.dt_s).fold(0.0, f64::max),
         }
     }
 

@@ -81,7 +81,7 @@ pub fn descend(
     let rules = bench.rules(hypothesis);
     let start = z.clone();
     let noise = noise_weights(bench);
-    let is_beyond = |normal: &Normal, times: f64| normal.cost(&noise) > times * normal.rows() as f64;
+    let is_beyond = |normal: &Normal, times: f64| normal.misfit(&noise) > times * normal.rows() as f64;
     let mut phases: Vec<(f64, Sensitivities)> = stages.iter().map(|&stage| (stage, Sensitivities::Thinned)).collect();
     if bench.thinned.iter().any(Option::is_some) {
         phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));

@@ -198,7 +198,12 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
         if is_bent(&refit) {
             let led = led_without_one(search, refit.clone());
             if !has_gap(&led) && !is_bent(&led) {
-                return explain(search, led, without, fitting.say);
+                let fitting = Fits { refit: &led, ..*fitting };
+                let scattered = super::spread::scattered(search.bench, &search.play(&led), true);
+                // Not one that is bent again, which would be led again.
+                let below = below_noise(&fitting).filter(|(refit, _)| !is_bent(refit));
+                let (refit, below) = below.unwrap_or_else(|| (led.clone(), Vec::new()));
+                return without_gap(&fitting, refit, scattered, &below);
             }
         }
         for (fit, cost) in ordinary(search, fitting.hidden_in_numbers().into_iter()) {

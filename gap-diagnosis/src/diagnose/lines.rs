@@ -30,7 +30,7 @@ const BINS: usize = 1 << 15;
 
 /// Frequencies in Hz, strongest first. `remainders` are what a plant leaves, one for each log.
 pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
-    let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(f64::INFINITY, f64::min);
+    let highest_hz = bench.records.iter().map(|r| 0.5 / r.log.dt_s).fold(0.0, f64::max);
     let mut total = vec![0.0; BINS];
     let mut planner = RealFftPlanner::<f64>::new();
     let stretches = after_run_in(bench, remainders).flat_map(|(record, residual_m)| {
@@ -60,6 +60,10 @@ pub fn lines(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<f64> {
         for (bin, sum) in total.iter_mut().enumerate() {
             let hz = highest_hz * bin as f64 / BINS as f64;
             let at = (hz / per_bin) as usize;
+            // A slower log says nothing of what is faster.
+            if at >= size / 2 {
+                break;
+            }
             let upto = (highest_hz * (bin + 1) as f64 / BINS as f64 / per_bin) as usize;
             let powers = buffer[at..(upto + 1).max(at + 1).min(size / 2)].iter().map(|c| c.norm_sqr());
             *sum += powers.fold(0.0, f64::max) / n as f64;
@@ -129,7 +133,7 @@ fn sharpened(bench: &Bench<'_>, remainders: &[Remainder], hz: f64, width_hz: f64
             };
             residual_m.chunks(rows).map(of_stretch).sum::<f64>()
         };
-        after_run_in(bench, remainders).map(of_log).sum()
+        after_run_in(bench, remainders).filter(|(record, _)| hz < 0.5 / record.log.dt_s).map(of_log).sum()
     };
     let longest_s = bench.records.iter().map(|r| r.log.len() as f64 * r.log.dt_s).fold(0.0, f64::max);
     let mut best_hz = hz;
@@ -160,6 +164,31 @@ mod tests {
     use crate::diagnose::thesis;
     use plant_sim::log::Log;
     use std::f64::consts::TAU;
+
+    /// A log of fewer samples a second has no say in what is faster than it follows, and takes nothing from what the others show.
+    #[test]
+    fn a_slow_log_hides_no_fast_line() {
+        let model = thesis();
+        let sine = |rows: usize, dt_s: f64, hz: f64| -> Vec<f64> {
+            (0..rows).map(|k| 1e-7 * (TAU * hz * dt_s * k as f64).sin()).collect()
+        };
+        let log = |dt_s: f64, residual_m: &[f64]| Log {
+            dt_s,
+            command_v: vec![0.0; residual_m.len()],
+            displacement_m: residual_m.to_vec(),
+            ..Log::default()
+        };
+        let residuals = [sine(20_000, 5e-5, 3007.0), sine(2000, 1e-2, 11.0)];
+        let logs = [log(5e-5, &residuals[0]), log(1e-2, &residuals[1])];
+        let records = logs.iter().map(|log| record(log, &model.chain(), None)).collect();
+        let bench = Bench::new(&model, records);
+        let remainders =
+            residuals.map(|residual_m| Remainder { velocity_m_per_s: vec![0.0; residual_m.len()], residual_m });
+        let found = lines(&bench, &remainders);
+        let has = |hz: f64| found.iter().any(|found| (found - hz).abs() < 0.05);
+        assert!(has(3007.0) && has(11.0), "{found:?}");
+        assert_eq!(bench.scales().sample_s, 5e-5);
+    }
 
     #[test]
     fn the_line_of_a_long_log_is_not_missed_between_two_places_of_a_grid() {

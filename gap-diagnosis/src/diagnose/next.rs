@@ -14,6 +14,7 @@ use plant_sim::replay::Start;
 use plant_sim::spec::{Shape, Spec};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 /// SPECs that split most, for a rig of 60 V.
 const STANDARD: [&str; 5] = [
@@ -67,7 +68,10 @@ pub(super) fn next_experiment(
             e.judged.ids.contains(&member)
                 && (std::ptr::eq(*e, top) || differing(&top.judged.ids, &e.judged.ids).is_some())
         };
-        if let Some(explanation) = course.explanations.iter().find(stands_for) {
+        // Members of one explanation are no rivals.
+        if let Some(explanation) = course.explanations.iter().find(stands_for)
+            && rivals.iter().all(|(_, known)| !std::ptr::eq(*known, explanation))
+        {
             rivals.push((member, explanation));
         }
     }
@@ -98,8 +102,7 @@ pub(super) fn next_experiment(
         return Ok(NextExperiment { spec, rate_hz, splits: splits(), reason: format!("{}.", about.experiment) });
     }
     let own = rivals.iter().filter_map(|(id, _)| find(id)).map(|effect| effect.about().spec);
-    let mut texts: Vec<&str> = own.chain(STANDARD).filter(|text| !text.is_empty()).collect();
-    texts.dedup();
+    let texts: BTreeSet<&str> = own.chain(STANDARD).filter(|text| !text.is_empty()).collect();
     let best = texts
         .par_iter()
         .filter_map(|text| within(text).map(|((pairs, least), spec)| (pairs, least, spec)))

@@ -23,8 +23,10 @@ pub struct Sums {
     pub products: DMatrix<f64>,
     /// Inner products of sensitivities and residual (measured minus predicted).
     pub gradient: DVector<f64>,
-    /// Sum of squared residuals.
+    /// Sum of squared residuals, those of a monitor included.
     pub squares_m2: f64,
+    /// What of it a monitor is off by within its own error: it is fitted, and neither adds to a gap nor makes up for one.
+    within_m2: f64,
     /// Fitted rows.
     pub rows: usize,
     /// Rows that one row of the sensitivities stands for.
@@ -44,7 +46,7 @@ impl Sums {
     /// Of no rows, for `count` coordinates.
     fn of(count: usize) -> Self {
         let (products, gradient) = (DMatrix::zeros(count, count), DVector::zeros(count));
-        Self { products, gradient, squares_m2: 0.0, rows: 0, thin: 1, kept: Vec::new() }
+        Self { products, gradient, squares_m2: 0.0, within_m2: 0.0, rows: 0, thin: 1, kept: Vec::new() }
     }
 
     /// The sums at a point that lies `change` away (the log's coordinates), of which `there` has the residuals: sensitivities change as
@@ -56,7 +58,7 @@ impl Sums {
             return None;
         }
         let turn = if length2 > 0.0 { along / length2 } else { along };
-        let mut carried = Self { squares_m2: there.squares_m2, ..self.clone() };
+        let mut carried = Self { squares_m2: there.squares_m2, within_m2: there.within_m2, ..self.clone() };
         carried.gradient.fill(0.0);
         let (mut crossed, mut missed2) = (DVector::zeros(change.len()), 0.0);
         for (kept, there) in carried.kept.iter_mut().zip(&there.kept) {
@@ -76,9 +78,14 @@ impl Sums {
         Some(carried)
     }
 
+    /// Sum of squared residuals, of a monitor what is beyond its own error.
+    pub fn misfit_m2(&self) -> f64 {
+        self.squares_m2 - self.within_m2
+    }
+
     /// Mean square of the fitted rows, metres squared.
     pub fn mean_m2(&self) -> f64 {
-        self.squares_m2 / self.rows.max(1) as f64
+        self.misfit_m2() / self.rows.max(1) as f64
     }
 
     /// These, or, of a plant that is no number any more (a spring that softens without end lets go), those of one that is far off in all
@@ -183,6 +190,8 @@ pub(super) struct Lockstep<'a> {
 pub(super) struct Chunk {
     /// Sum of squared residuals of the fitted rows.
     pub squares_m2: f64,
+    /// What of it is the monitor's.
+    pub monitor_m2: f64,
     /// Fitted rows.
     pub rows: usize,
     /// Prediction at the rows of the sensitivities; see [`predict`].
@@ -252,7 +261,11 @@ impl<'a> Lockstep<'a> {
         let mut counts = vec![0; sums.len()];
         for (at, residual_m) in residuals(self.record, &predicted, from, rows) {
             chunk.squares_m2 += residual_m * residual_m;
-            chunk.rows += 1;
+            if at < rows {
+                chunk.rows += 1;
+            } else {
+                chunk.monitor_m2 += residual_m * residual_m;
+            }
             let thin_row = at % rows / self.thin;
             if thin_row < thin_rows {
                 let place = at / rows * thin_rows + thin_row;
@@ -346,6 +359,7 @@ pub fn evaluate(
         for from in (0..n).step_by(CHUNK) {
             let chunk = lockstep.next(from, CHUNK.min(n - from));
             sums.squares_m2 += chunk.squares_m2;
+            sums.within_m2 += chunk.monitor_m2;
             sums.rows += chunk.rows;
             if chunk.places.is_empty() {
                 continue;
@@ -360,6 +374,7 @@ pub fn evaluate(
                 sums.kept.push(Kept { columns, residuals_m });
             }
         }
+        sums.within_m2 = sums.within_m2.min(sums.rows as f64 * bench.records[index].noise_m.powi(2));
         sums.or_far_off(n)
     };
     let logs = (0..bench.records.len()).into_par_iter().map(one_log).collect();
@@ -370,6 +385,11 @@ impl Normal {
     /// Weighted sum of squares of the fitted rows; `weights` are one over the variance, per square metre, one for each log.
     pub fn cost(&self, weights: &[f64]) -> f64 {
         self.logs.iter().zip(weights).map(|(sums, weight)| weight * sums.squares_m2).sum()
+    }
+
+    /// The same of what is beyond a monitor's own error: about as much as there are rows where nothing but noise is left.
+    pub fn misfit(&self, weights: &[f64]) -> f64 {
+        self.logs.iter().zip(weights).map(|(sums, weight)| weight * sums.misfit_m2()).sum()
     }
 
     /// These sums at a point that lies `change` away, of which `there` has the residuals, with sensitivities that are carried on; `None` if
@@ -424,7 +444,7 @@ impl Normal {
 
     /// Rms of the fitted rows of all logs, metres.
     pub fn rms_m(&self) -> f64 {
-        (self.logs.iter().map(|log| log.squares_m2).sum::<f64>() / self.rows().max(1) as f64).sqrt()
+        (self.logs.iter().map(Sums::misfit_m2).sum::<f64>() / self.rows().max(1) as f64).sqrt()
     }
 }
 
@@ -453,6 +473,47 @@ mod tests {
         assert!((0..log.len()).any(|_| !reader.next_m().is_finite()), "the test needs a plant that runs away");
         let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::All, &AtomicUsize::new(0));
         assert_eq!(normal.rms_m(), RUN_AWAY_M);
+    }
+
+    /// A monitor that reads what it should has errors far below what it may be off by: they make up for nothing that the displacement is off by.
+    #[test]
+    fn a_monitor_hides_no_gap() {
+        let model = thesis();
+        let wave = |k: u32, by: f64| (by * f64::from(k)).sin();
+        let mut log = Log {
+            dt_s: 5e-5,
+            command_v: (0..4000).map(|k| 50.0 * wave(k, 0.013)).collect(),
+            displacement_m: vec![0.0; 4000],
+            ..Log::default()
+        };
+        let chain = model.chain();
+        let mut reader = Reader::new(&chain, &log, &Start::relaxed(&chain));
+        // A gap as loud as the noise, which wanders from row to row.
+        let noise_m = |k: u32| 2e-8 * if k.wrapping_mul(2654435761) >> 31 == 0 { 1.0 } else { -1.0 };
+        let mut drive_v = Vec::new();
+        let mut measured = |k: u32| {
+            let displacement_m = reader.next_m() + noise_m(k) + 2.83e-8 * wave(k, 0.005);
+            drive_v.push(reader.stream.drive_v);
+            displacement_m
+        };
+        log.displacement_m = (0..4000).map(&mut measured).collect();
+        let sums = |log: &Log| {
+            let records = vec![Record { noise_m: 2e-8, ..record(log, &chain, None) }];
+            let bench = Bench::new(&model, records);
+            let hypothesis = Hypothesis::nominal(Freedom::Relaxed);
+            let z = bench.origin(&hypothesis);
+            let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::None, &AtomicUsize::new(0));
+            let noise2 = bench.records[0].noise_m.powi(-2);
+            (normal.misfit(&[noise2]) / normal.rows() as f64, normal.rows(), normal.cost(&[noise2]))
+        };
+        let (chi, rows, cost) = sums(&log);
+        assert!((chi - 2.0).abs() < 0.1 && (cost - chi * rows as f64).abs() < 1e-6 * cost, "{chi}");
+        log.drive_v = Some(drive_v);
+        assert_eq!(sums(&log), (chi, rows, cost));
+        // Half a volt of a hundred is two and a half times what the monitor may be off by.
+        log.drive_v.iter_mut().flatten().for_each(|v| *v += 0.5);
+        let (off, rows_off, cost_off) = sums(&log);
+        assert!(rows_off == rows && (off - chi - 5.25).abs() < 0.01 && cost_off > cost, "{off} {chi}");
     }
 
     /// Sensitivities that are carried on tell of the way back what the simulation tells: residuals here are those there and what the

@@ -57,7 +57,8 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         held_stretch: Some(((log.len() - run_in) / STRETCHES).max(16)),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
             let [low, high] = extremes(drive_v.iter().copied());
-            noise_rms(drive_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
+            let rounding_v = lattice(drive_v).unwrap_or(0.0) / 12f64.sqrt();
+            noise_rms(drive_v).max(rounding_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
         }),
     }
 }
@@ -108,16 +109,25 @@ fn lost(readings_m: &[f64], noise_m: f64) -> Vec<bool> {
 
 /// One sensor has one noise: a log whose own differences say more is rough for another reason, which must not pass for noise. Where the
 /// plant's file states a little more than the differences show, the noise is coloured and the file is right. What the plant states to scatter is noise.
+/// A log that stands on a converter's step shows none of it, nor the steps: it has those of the others. So has one monitor one error, which a log
+/// that hardly drives does not show.
 pub fn share_noise(records: &mut [Record<'_>], stated: Option<&Param>) {
-    let mut all: Vec<f64> = records.iter().map(|r| r.noise_m).collect();
+    let shows = |record: &&Record<'_>| record.noise_m > LEAST_NOISE_M;
+    let mut all: Vec<f64> = records.iter().filter(shows).map(|record| record.noise_m).collect();
     all.sort_by(f64::total_cmp);
-    let Some(&median_m) = all.get(all.len().saturating_sub(1) / 2) else { return };
+    let median_m = all.get(all.len().saturating_sub(1) / 2).copied().unwrap_or(LEAST_NOISE_M);
+    let lattice_m = records.iter().map(|record| record.lattice_m).fold(0.0, f64::max);
+    let monitor_v = records.iter().filter_map(|record| record.monitor_v).reduce(f64::max);
     let stated_m = stated.map_or(0.0, |noise| {
         let stated_m = noise.value * 1e-6;
         let most = 1.0 + STATED_SIGMAS * noise.relative_sigma();
         if stated_m < most * median_m { stated_m } else { 0.0 }
     });
     for record in records {
+        if !shows(&&*record) {
+            (record.noise_m, record.lattice_m) = (median_m, lattice_m);
+        }
+        record.monitor_v = record.monitor_v.and(monitor_v);
         record.noise_m = record.noise_m.min(ROUGH * median_m).max(stated_m.hypot(record.scatter_m));
     }
 }
@@ -165,7 +175,49 @@ pub fn lattice(values: &[f64]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{lattice, lost};
+    use super::{lattice, lost, record};
+    use crate::diagnose::bench::Bench;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+
+    /// A log at rest on one step of a converter shows neither its noise nor its steps, and a monitor's reading of nothing no error.
+    #[test]
+    fn what_a_log_at_rest_does_not_show_the_others_tell() {
+        let model = thesis();
+        let moves = |size: f64| {
+            let wave = |k: u32| size * (0.01 * f64::from(k)).sin();
+            Log {
+                dt_s: 5e-5,
+                command_v: (0..4000).map(wave).collect(),
+                displacement_m: (0..4000).map(|k| (1.5e-6 * wave(k) / 40e-9).round() * 40e-9).collect(),
+                drive_v: Some((0..4000).map(|k| (wave(k) / 0.05).round() * 0.05).collect()),
+                ..Log::default()
+            }
+        };
+        let logs = [moves(30.0), moves(0.0), moves(20.0)];
+        let records = || logs.iter().map(|log| record(log, &model.chain(), None)).collect::<Vec<_>>();
+        assert!(records()[1].noise_m < 1e-9 && records()[1].lattice_m == 0.0);
+        let bench = Bench::new(&model, records());
+        let [first, still, last] = [0, 1, 2].map(|index| &bench.records[index]);
+        assert!((still.noise_m / (40e-9 / 12f64.sqrt()) - 1.0).abs() < 0.3, "{:e}", still.noise_m);
+        assert!((still.lattice_m / 40e-9 - 1.0).abs() < 1e-3, "{:e}", still.lattice_m);
+        assert!(first.monitor_v.is_some_and(|sigma_v| sigma_v >= 2e-3 * 60.0));
+        assert!(still.monitor_v == first.monitor_v && last.monitor_v == first.monitor_v);
+    }
+
+    /// Logs that are looked at without the others count as they do among them.
+    #[test]
+    fn a_part_of_the_logs_keeps_its_noise() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![0.0; 400], ..Log::default() };
+        let of = |noise_m: f64| crate::diagnose::bench::Record { noise_m, ..record(&log, &model.chain(), None) };
+        let bench = Bench::new(&model, vec![of(10e-9), of(11e-9), of(11.5e-9)]);
+        let noise = |bench: &Bench<'_>| bench.records.iter().map(|record| record.noise_m).collect::<Vec<_>>();
+        let all = noise(&bench);
+        assert_eq!(noise(&bench.without(2)), all[..2]);
+        let rough = Bench::new(&model, vec![of(10e-9), of(20e-9), of(20e-9)]);
+        assert_eq!(noise(&rough.without(1)), [10e-9, 20e-9]);
+    }
 
     #[test]
     fn rows_that_repeat_are_lost_unless_chance_made_them() {

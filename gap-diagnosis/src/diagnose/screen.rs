@@ -173,7 +173,7 @@ pub fn screen(
     best.sort_by(promise);
     refine(&mut best, |blocks| score(blocks, &all));
     best.sort_by(promise);
-    let excess = (found.normal.cost(&noise_weights(bench)) - found.normal.rows() as f64).max(1.0);
+    let excess = (found.normal.misfit(&noise_weights(bench)) - found.normal.rows() as f64).max(1.0);
     let lead = |Scored { block, values, gain, .. }| {
         let Block { effect, form, .. } = block;
         Lead { effect, form, values, gain, share: gain / excess }
@@ -184,7 +184,7 @@ pub fn screen(
 /// The logs that show most of what is left in the least time, half of it together: where every start of a form is looked at.
 fn first_look(bench: &Bench<'_>, found: &Found) -> Vec<usize> {
     let excess = |(record, (sums, weight)): (&Record<'_>, (&Sums, &f64))| {
-        let excess = (weight * sums.squares_m2 - sums.rows as f64).max(0.0);
+        let excess = (weight * sums.misfit_m2() - sums.rows as f64).max(0.0);
         (excess, excess / record.log.len().max(1) as f64)
     };
     let weights = noise_weights(bench);

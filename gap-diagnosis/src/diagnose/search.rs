@@ -95,7 +95,7 @@ impl Search<'_> {
     pub fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
         let worst_chi = self.chis(&found).into_iter().fold(0.0, f64::max);
         let weights = noise_weights(self.bench);
-        let chi = found.normal.cost(&weights) / found.normal.rows().max(1) as f64;
+        let chi = found.normal.misfit(&weights) / found.normal.rows().max(1) as f64;
         Candidate { hypothesis, found, chi, worst_chi }
     }
 
@@ -197,7 +197,7 @@ impl Search<'_> {
     pub fn unfitted(&self, nominal: &Hypothesis) -> f64 {
         let z = self.settled(nominal);
         let normal = evaluate(self.bench, nominal, &z, Sensitivities::None, self.simulations);
-        normal.cost(&noise_weights(self.bench)) / normal.rows().max(1) as f64
+        normal.misfit(&noise_weights(self.bench)) / normal.rows().max(1) as f64
     }
 
     /// The nominal numbers, where every log's first stretch has told what it does.
@@ -492,11 +492,11 @@ impl Search<'_> {
         (0..self.bench.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// One over the variance that a row of each log counts with: that of the residual times the rows that make one independent. Lost rows are none of it.
+    /// One over the variance that a row of each log counts with: that of the residual of fitted rows times the rows that make one independent.
     pub fn independent_weights(&self, candidate: &Candidate) -> Vec<f64> {
         let weight = |(record, remainder): (&Record<'_>, Remainder)| {
-            let kept = (record.run_in..remainder.residual_m.len()).filter(|row| !record.has_lost(*row));
-            let residual_m: Vec<f64> = kept.map(|row| remainder.residual_m[row]).collect();
+            let fitted = (0..remainder.residual_m.len()).filter(|row| record.fits(*row));
+            let residual_m: Vec<f64> = fitted.map(|row| remainder.residual_m[row]).collect();
             let mean2 = residual_m.iter().map(|r| r * r).sum::<f64>() / residual_m.len().max(1) as f64;
             1.0 / (mean2.max(record.noise_m.powi(2)) * samples_per_independent(&residual_m))
         };
@@ -551,6 +551,12 @@ mod tests {
             let found = descend(&bench, &nominal, bench.origin(&nominal), &[], 0.0, &simulations);
             search.independent_weights(&search.candidate(nominal, found))
         };
+        assert_eq!(weights(&log), weights(&spoilt));
+        // Nor do those that no fit has seen.
+        let record = record(&log, &chain, None);
+        let mut spoilt = log.clone();
+        (0..log.len()).filter(|row| record.holds_out(*row)).for_each(|row| spoilt.displacement_m[row] += 2e-6);
+        assert!(spoilt != log);
         assert_eq!(weights(&log), weights(&spoilt));
     }
 }

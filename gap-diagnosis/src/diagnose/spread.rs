@@ -191,6 +191,8 @@ fn line(pairs: &[(f64, f64)], expected: impl Fn(f64) -> f64) -> (f64, f64, f64) 
             // Each row is in two differences, which are a half alike and their squares a quarter: three halves of the variance of as many apart.
             (mean(|pair| pair.0), y, y * (3.0 / bin.len() as f64).sqrt())
         })
+        // Readings of a converter that stands differ by nothing: no noise is that small, and they know no line.
+        .filter(|(_, y, _)| *y > 0.0)
         .collect();
     let weight = |sigma: f64| 1.0 / (sigma * sigma).max(f64::MIN_POSITIVE);
     let (mut s, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -203,7 +205,7 @@ fn line(pairs: &[(f64, f64)], expected: impl Fn(f64) -> f64) -> (f64, f64, f64) 
         sxy += w * x * y;
     }
     let determinant = s * sxx - sx * sx;
-    if determinant <= 0.0 {
+    if !(determinant > 0.0 && determinant.is_finite()) {
         return (0.0, f64::INFINITY, 0.0);
     }
     ((s * sxy - sx * sy) / determinant, (s / determinant).sqrt(), (sxx * sy - sx * sxy) / determinant)
@@ -269,6 +271,22 @@ mod tests {
         assert!((found.jitter_s / JITTER_S - 1.0).abs() < 0.05, "{:e}", found.jitter_s);
         // It accounts for all that moves.
         assert!((found.jitter_m2 / found.moving_m2 - 1.0).abs() < 0.1, "{found:?}");
+    }
+
+    /// Where the plant stands, a coarse converter's readings differ by nothing at all.
+    #[test]
+    fn rows_that_differ_by_nothing_are_no_perfect_knowledge() {
+        let mut random = Pcg64::seed_from_u64(9);
+        let pair = |k: usize| {
+            let speed2 = (1e-6 * k as f64).powi(2);
+            let normal = random.sample::<f64, _>(StandardNormal);
+            (speed2, if k < 3000 { 0.0 } else { 25e-12 * speed2 * normal * normal })
+        };
+        let mut pairs: Vec<(f64, f64)> = (0..20_000).map(pair).collect();
+        let (jitter2, sigma, foot) = slope(&mut pairs);
+        assert!((jitter2 / 25e-12 - 1.0).abs() < 0.05 && sigma > 0.0 && foot.is_finite(), "{jitter2:e} {sigma:e}");
+        let (nothing, ..) = slope(&mut (0..1000).map(|k| (f64::from(k), 0.0)).collect::<Vec<_>>());
+        assert_eq!(nothing, 0.0);
     }
 
     #[test]
