@@ -2,7 +2,11 @@
 
 mod support;
 
-use support::{Folder, PI1, PLANT, column, image, json, root, run, served, spawned, stderr, stdout, succeeded};
+use std::sync::atomic::Ordering;
+use support::{
+    Folder, PI1, PLANT, board_of_another_release, column, identity, image, impostor, json, root, run, served, spawned,
+    stderr, stdout, succeeded,
+};
 
 #[test]
 fn a_step_on_the_image_writes_a_log_and_a_report_and_repeats() {
@@ -192,6 +196,20 @@ fn a_board_that_ends_with_the_call_has_nothing_to_keep_and_nothing_to_stop() {
         assert_eq!(output.status.code(), Some(2));
         assert!(stderr(&output).contains("--board serial:PATH"), "{}", stderr(&output));
     }
+}
+
+/// A board whose host was brought up to date is no less in need of being stopped.
+#[test]
+fn a_board_of_another_release_is_stopped_and_then_told_as_such() {
+    let folder = Folder::new("board-stop-other");
+    let (place, was_stopped) = board_of_another_release();
+    let output = run(&folder, &format!("board stop --board {place}"));
+    assert_eq!((output.status.code(), stdout(&output).trim()), (Some(4), "stopped, at 0 V"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the board runs firmware 0.0.9 abc") && was_stopped.load(Ordering::Relaxed));
+    // Of one that says nothing of how it is nothing is claimed.
+    let output =
+        run(&folder, &format!("board stop --board {} --patience-ms 50", impostor(Some(identity("0.0.9 abc")))));
+    assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(4), ""), "{}", stderr(&output));
 }
 
 #[test]

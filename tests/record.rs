@@ -230,6 +230,7 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         "narrow.toml",
         plant.replace("displacement_max_um = { value = 120.0", "displacement_max_um = { value = 60.0"),
     );
+    folder.write("unipolar.toml", plant.replace("drive_min_V = { value = -90.0", "drive_min_V = { value = -20.0"));
     let good = call("--spec sine:60V@10Hz/0.1s", "run");
     let closed = call("--spec step:40um@0.1s", "run");
     let at = |board: &str| format!("record --board {board} --spec sine:60V@10Hz/0.1s --out @/run");
@@ -265,6 +266,11 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (call("--spec hold:4V@1s,shaped", "run"), 2, "`,shaped` is not played by a board"),
         (call("--spec multisine:4V@1-100Hz", "run"), 2, "a board holds 4096"),
         (call("--spec hold:70V@0.1s", "run"), 2, "hold:70V@0.1s: it would take the stage to 136 um, and the [rig]"),
+        (
+            good.replace(PLANT, "@/unipolar.toml"),
+            2,
+            "it would drive from -60.0 to 60.0 V, and the [rig] of --plant stands -20 to 90 V: lower the volts",
+        ),
         // A run begins where the plant's file says.
         (good.replace(PLANT, "@/away.toml"), 2, "it would take the stage to 126 um"),
         // What is played before each of a set's loops is a drive in open loop as well.

@@ -256,19 +256,34 @@ pub fn open_loop(setup: &Setup<'_>, program: &Program, progress: &dyn Fn(usize))
     })
 }
 
-/// The farthest that `program`, as a command in volts, moves the structure, metres. Nothing is kept, so that hours take no memory.
+/// How far a command in volts goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Lowest and highest command.
+    pub command_v: [f64; 2],
+    /// Farthest that it moves the structure on either side, metres.
+    pub peak_m: f64,
+}
+
+/// How far `program`, as a command in volts, goes. Nothing is kept, so that hours take no memory.
 ///
 /// # Errors
 /// A program that can't be played.
-pub fn open_loop_peak_m(setup: &Setup<'_>, program: &Program) -> Result<f64, SpecError> {
+pub fn open_loop_reach(setup: &Setup<'_>, program: &Program) -> Result<Reach, SpecError> {
     let segments = program.segments()?;
     let (generator, mut state) = (Generator::new(&segments), GeneratorState::default());
     let mut bench = Bench::new(setup);
-    let peaks_m = (0..setup.samples).map(|_| {
-        bench.apply(f64::from(generator.next(&mut state)));
-        bench.moved_m().abs()
-    });
-    Ok(peaks_m.fold(0.0, f64::max))
+    let mut reach = Reach { command_v: [f64::INFINITY, f64::NEG_INFINITY], peak_m: 0.0 };
+    for _ in 0..setup.samples {
+        let command_v = f64::from(generator.next(&mut state));
+        bench.apply(command_v);
+        let [low, high] = reach.command_v;
+        reach = Reach {
+            command_v: [low.min(command_v), high.max(command_v)],
+            peak_m: reach.peak_m.max(bench.moved_m().abs()),
+        };
+    }
+    Ok(reach)
 }
 
 /// Why an experiment can't be run.

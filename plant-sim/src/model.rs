@@ -228,8 +228,6 @@ impl RigSection {
     /// # Errors
     /// What lies beyond.
     pub fn check(&self, settings: &Settings) -> Result<(), BeyondRig> {
-        // Settings are f32: the rig's own number, set, may come back greater by a rounding.
-        let slack = |value: f64| value.abs() * f64::from(f32::EPSILON);
         let most_um = self.displacement_max_um.value;
         let trip_um = seven_digits(f64::from(settings.trip_m) / MICRO);
         let is_guarded = trip_um <= most_um + slack(most_um);
@@ -237,10 +235,24 @@ impl RigSection {
             return Err(BeyondRig::Trip { trip_um, most_um });
         }
         let limits_v = [settings.drive_min_v, settings.drive_max_v].map(|v| seven_digits(f64::from(v)));
-        let rig_v = [self.drive_min_v.value, self.drive_max_v.value];
-        let is_within = limits_v[0] >= rig_v[0] - slack(rig_v[0]) && limits_v[1] <= rig_v[1] + slack(rig_v[1]);
-        if is_within { Ok(()) } else { Err(BeyondRig::Drive { limits_v, rig_v }) }
+        if self.stands(limits_v) { Ok(()) } else { Err(BeyondRig::Drive { limits_v, rig_v: self.drive_v() }) }
     }
+
+    /// Lowest and highest drive that it stands.
+    pub fn drive_v(&self) -> [f64; 2] {
+        [self.drive_min_v.value, self.drive_max_v.value]
+    }
+
+    /// Whether it stands drives between these two.
+    pub fn stands(&self, [low_v, high_v]: [f64; 2]) -> bool {
+        let [lowest_v, highest_v] = self.drive_v();
+        low_v >= lowest_v - slack(lowest_v) && high_v <= highest_v + slack(highest_v)
+    }
+}
+
+/// Settings and programs are f32: the rig's own number, set, may come back greater by a rounding.
+fn slack(value: f64) -> f64 {
+    value.abs() * f64::from(f32::EPSILON)
 }
 
 /// An f32's digits without those that only look like some.

@@ -576,12 +576,16 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
         }
         header_allowed = false;
     }
-    if samples.is_empty() { Err(format!("{} holds no numbers", path.display())) } else { Ok(samples) }
+    if samples.is_empty() {
+        Err(format!("{} holds no numbers: it needs one in each line", path.display()))
+    } else {
+        Ok(samples)
+    }
 }
 
 /// The text of a file, in bounded time and memory.
 fn read_text(path: &Path) -> Result<String, String> {
-    let unreadable = |error: std::io::Error| format!("{} cannot be read: {error}", path.display());
+    let unreadable = |error: std::io::Error| format!("{} cannot be read: {error}; check the name", path.display());
     // Asked before it is opened: opening a pipe waits for whoever writes into it, and a device may never end.
     let found = path.metadata().map_err(unreadable)?;
     if !found.is_file() {

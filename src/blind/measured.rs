@@ -149,5 +149,7 @@ fn truth(effects: &[String]) -> Result<Truth, Failure> {
 }
 
 fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
-    fs::copy(from, to).map(drop).map_err(|e| Failure::file(format!("{}: cannot be read: {e}", from.display())))
+    fs::copy(from, to)
+        .map(drop)
+        .map_err(|e| Failure::file(format!("{}: cannot be read: {e}; check the name", from.display())))
 }

@@ -96,7 +96,8 @@ pub fn json(value: &impl Serialize) -> Result<String, Failure> {
 /// # Errors
 /// If it can't be read.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    fs::read_to_string(path).map_err(|e| Failure::file(format!("{}: cannot be read: {e}", path.display())))
+    fs::read_to_string(path)
+        .map_err(|e| Failure::file(format!("{}: cannot be read: {e}; check the name", path.display())))
 }
 
 /// Text of a file that need not be there; what can't be read is somebody's all the same.

@@ -1,6 +1,7 @@
 //! `hysteron board run`: the flash image on the virtual board, in a loop with the simulated plant: a log and a report.
 
 use crate::arguments::BoardRunCall;
+use crate::commands::link::in_fault;
 use crate::failure::Failure;
 use crate::output;
 use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
@@ -84,9 +85,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     output::warn(&warnings);
     say(call, &report)?;
     match FaultCode::from_number(report.status.fault) {
-        Some(fault) => {
-            Err(Failure::hardware(format!("the board is in {fault}: see limited_by in {}", call.out.display())))
-        }
+        Some(fault) => Err(in_fault(fault, &call.out)),
         None => Ok(()),
     }
 }

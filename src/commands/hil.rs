@@ -2,7 +2,7 @@
 
 use crate::arguments::{HilCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, link_facts, open, session};
+use crate::commands::link::{faults, in_fault, link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::Faulty;
@@ -161,10 +161,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     say(call, &ready.board, session.statistics(), Some((&outcome, samples, out)));
     match outcome.fault {
-        Some(fault) => Err(Failure::hardware(format!(
-            "the board is in {fault}: see limited_by in {}",
-            out.join("log.csv").display()
-        ))),
+        Some(fault) => Err(in_fault(fault, &out.join("log.csv"))),
         None => Ok(()),
     }
 }

@@ -4,6 +4,7 @@ use crate::arguments::BoardArguments;
 use crate::commands::board_serve;
 use crate::failure::Failure;
 use bench_page::engine::Open;
+use control_core::FaultCode;
 use hil_bridge::faulty::Faults;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
@@ -12,7 +13,7 @@ use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
 use plant_sim::model::Model;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use virtual_board::Image;
 
 /// A conversation over `link`, as patient as the call says.
@@ -23,7 +24,7 @@ pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
 /// A conversation with a board that was there before this call and stays behind it.
 pub fn standing(at: &BoardArguments) -> Result<Session<Box<dyn Link>>, Failure> {
     if matches!(at.board, Place::InProcess | Place::Virtual) {
-        let ends = "such a board ends with this call: name another with --board serial:PATH or tcp:HOST:PORT";
+        let ends = "say which board is meant: --board serial:PATH or tcp:HOST:PORT; one in process ends with this call";
         return Err(Failure::call(ends));
     }
     // No bench is simulated here: a serial port and TCP need none.
@@ -83,6 +84,14 @@ fn serial(path: PathBuf, baud: u32) -> Result<Open, Failure> {
 #[cfg(not(unix))]
 fn serial(_: PathBuf, _: u32) -> Result<Open, Failure> {
     Err(Failure::call("--board serial: not on this system; use tcp"))
+}
+
+/// A run that ended in a fault of the board, of which `log` keeps the last rows.
+pub fn in_fault(fault: FaultCode, log: &Path) -> Failure {
+    Failure::hardware(format!(
+        "the board is in {fault}: {} ends with it, at 0 V; mend its cause, and --clear-fault leaves it",
+        log.display()
+    ))
 }
 
 /// The statistics of a link as lines for the terminal.

@@ -2,7 +2,7 @@
 
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, link_facts, open, session};
+use crate::commands::link::{faults, in_fault, link_facts, open, session};
 use crate::failure::Failure;
 use crate::output;
 use control_core::Settings;
@@ -14,7 +14,7 @@ use hil_bridge::pins;
 use hil_bridge::recording::{Facts, Recording};
 use hil_bridge::run_directory::{RunError, check_place};
 use hil_bridge::session::{Board, Session};
-use plant_sim::experiment::{Bench, Program, Setup, open_loop_peak_m};
+use plant_sim::experiment::{Bench, Program, Reach, Setup, open_loop_reach};
 use plant_sim::model::Model;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
@@ -212,7 +212,14 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     for (spec, Played { program, samples, .. }) in before.chain(driven) {
         let (samples, seed) = (*samples, call.seed);
         let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed };
-        let peak_um = 1e6 * open_loop_peak_m(&setup, program)?;
+        let Reach { command_v, peak_m } = open_loop_reach(&setup, program)?;
+        if !rig.stands(command_v) {
+            let ([low_v, high_v], [lowest_v, highest_v]) = (command_v, rig.drive_v());
+            return Err(Failure::call(format!(
+                "{spec}: it would drive from {low_v:.1} to {high_v:.1} V, and the [rig] of --plant stands {lowest_v} to {highest_v} V: lower the volts (a set's with --size)"
+            )));
+        }
+        let peak_um = 1e6 * peak_m;
         if peak_um > most_um {
             return Err(Failure::call(format!(
                 "{spec}: it would take the stage to {peak_um:.0} um, and the [rig] of --plant stands {most_um} um: lower the volts (a set's with --size)"
@@ -306,10 +313,7 @@ fn run<L: Link>(
 fn verdict(call: &RecordCall, names: &[String], outcomes: &[Outcome]) -> Result<(), Failure> {
     let last = outcomes.last().zip(names.get(outcomes.len().saturating_sub(1)));
     if let Some((Some(fault), name)) = last.map(|(outcome, name)| (outcome.fault, name)) {
-        return Err(Failure::hardware(format!(
-            "the board is in {fault}: see limited_by in {}",
-            call.out.join(name).display()
-        )));
+        return Err(in_fault(fault, &call.out.join(name)));
     }
     // In process a lost sample is a row like any other, whose drive was held.
     let has_holes = call.at.board != Place::InProcess;

@@ -171,7 +171,7 @@ fn stability(
 
 /// Where the run left what the real rig stands, one line each.
 fn beyond_rig(rig: &RigSection, recording: &Recording) -> Vec<String> {
-    let (low, high) = (rig.drive_min_v.value, rig.drive_max_v.value);
+    let [low, high] = rig.drive_v();
     let beyond = |v: &&f64| **v < low || **v > high;
     let mut warnings = Vec::new();
     let worst_v = recording.command_v.iter().filter(beyond).fold(0.0f64, |m, v| if v.abs() > m.abs() { *v } else { m });

@@ -5,12 +5,15 @@
 
 mod flash_image;
 
+use control_core::ModeName;
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Of cases that each cost a diagnosis the first, or all with HYSTERON_LONG=1 (`cargo xtask long`).
@@ -208,9 +211,65 @@ pub fn identity(firmware: &str) -> Vec<u8> {
         segments: 16,
         capture_samples: 0,
     };
+    frame(&mut wire::Sender::default(), &wire::ToHost::Identity(identity))
+}
+
+/// A message as a board sends it.
+pub fn frame(sender: &mut wire::Sender, message: &wire::ToHost<'_>) -> Vec<u8> {
     let mut bytes = [0; wire::MAX_ENCODED_BYTES];
-    let n = wire::Sender::default().encode(&wire::ToHost::Identity(identity), &mut bytes).expect("room");
+    let n = sender.encode(message, &mut bytes).expect("room");
     bytes[..n].to_vec()
+}
+
+/// A board of firmware 0.0.9 that runs until it is told to stop, and whether it was.
+pub fn board_of_another_release() -> (String, Arc<AtomicBool>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    let was_stopped = Arc::new(AtomicBool::new(false));
+    let is_stopped = Arc::clone(&was_stopped);
+    std::thread::spawn(move || {
+        let Ok((mut host, _)) = listener.accept() else { return };
+        let (mut receiver, mut sender) = (wire::Receiver::new(), wire::Sender::default());
+        let mut bytes = [0; 512];
+        while let Ok(n @ 1..) = host.read(&mut bytes) {
+            for byte in &bytes[..n] {
+                let Some(Ok(heard)) = receiver.push(*byte) else { continue };
+                let answer = match heard.message::<wire::ToBoard<'_>>() {
+                    Ok(wire::ToBoard::Hello) => identity("0.0.9 abc"),
+                    Ok(wire::ToBoard::KeepAlive) => {
+                        let is_idle = is_stopped.load(Ordering::Relaxed);
+                        let mode = if is_idle { ModeName::Idle } else { ModeName::Running };
+                        frame(&mut sender, &wire::ToHost::Status(status(mode)))
+                    }
+                    Ok(wire::ToBoard::Stop) => {
+                        is_stopped.store(true, Ordering::Relaxed);
+                        frame(&mut sender, &wire::ToHost::Done { sequence: heard.sequence })
+                    }
+                    _ => continue,
+                };
+                if host.write_all(&answer).is_err() {
+                    return;
+                }
+            }
+        }
+    });
+    (format!("tcp:{address}"), was_stopped)
+}
+
+/// How a board in this mode is that drives its own pins.
+fn status(mode: ModeName) -> wire::Status {
+    wire::Status {
+        mode: mode as u8,
+        fault: 0,
+        reset: wire::ResetCause::PowerOn,
+        input: wire::InputSource::Analog,
+        samples: 7,
+        overruns: 0,
+        lost_samples: 0,
+        ready_cycles: 0,
+        ready_max_cycles: 0,
+        bad_frames: 0,
+    }
 }
 
 /// The binary on the words of `line`, under a limit of 64 KB for any file it writes: as on a disk that is full, without filling one. It says one
