@@ -1,6 +1,9 @@
 //! How the command fails: one line and an exit code.
 
+use crate::arguments::Arguments;
 use bench_page::engine::StartError;
+use clap::CommandFactory;
+use clap::error::ErrorKind;
 use gap_diagnosis::diagnose::DiagnoseError;
 use gap_diagnosis::identify::IdentifyError;
 use hil_bridge::link::LinkError;
@@ -13,7 +16,7 @@ use plant_sim::experiment::ExperimentError;
 use plant_sim::log::LogError;
 use plant_sim::margins::MarginError;
 use plant_sim::spec::SpecError;
-use std::ffi::OsStr;
+use std::ffi::OsString;
 use std::path::Path;
 use wire::ParameterError;
 
@@ -58,10 +61,21 @@ impl Failure {
         Self::call(format!("{}: cannot be written: {error}; name another place", path.display()))
     }
 
-    /// What is wrong with the arguments; `first` is the first of them, which may be a command.
+    /// What is wrong with the arguments `given`.
     ///
     /// clap says it in paragraphs, the last of which are usage and a hint at the help. They become parts of one line.
-    pub fn of_arguments(error: &clap::Error, first: Option<&OsStr>) -> Self {
+    pub fn of_arguments(error: &clap::Error, given: &[OsString]) -> Self {
+        let (mut command, mut words) = (Arguments::command(), String::new());
+        for word in given {
+            let Some(sub) = command.find_subcommand(word) else { break };
+            words += &format!("{} ", sub.get_name());
+            command = sub.clone();
+        }
+        let help = format!("see `hysteron {words}--help`");
+        if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+            let names: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+            return Self::call(format!("{words}needs a command: {}; {help}", names.join(", ")));
+        }
         let text = error.render().to_string();
         let said = text.strip_prefix("error: ").unwrap_or(&text);
         let paragraphs = said
@@ -69,23 +83,11 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let command = [
-            "simulate",
-            "replay",
-            "identify",
-            "diagnose",
-            "effects",
-            "blind-check",
-            "board",
-            "hil",
-            "serve",
-            "record",
-            "export",
-            "reproduce",
-            "design",
-        ];
-        let command = command.into_iter().find(|name| first == Some(OsStr::new(name)));
-        parts.push(format!("see `hysteron {}--help`", command.map_or(String::new(), |name| format!("{name} "))));
+        let is_without_log = error.kind() == ErrorKind::MissingRequiredArgument && text.contains("<LOG>");
+        if is_without_log && given.iter().any(|word| word == "--held-out") {
+            parts.push("--held-out takes every log that follows it: put those to fit before it".to_owned());
+        }
+        parts.push(help);
         Self::call(parts.join("; "))
     }
 

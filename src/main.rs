@@ -23,7 +23,7 @@ fn main() -> ExitCode {
                 let _ = error.print();
                 return ExitCode::SUCCESS;
             }
-            return fail(&Failure::of_arguments(&error, std::env::args_os().nth(1).as_deref()));
+            return fail(&Failure::of_arguments(&error, &std::env::args_os().skip(1).collect::<Vec<_>>()));
         }
     };
     let done = output::check_places(arguments.command.as_ref()).and_then(|()| commands::run(&arguments));

@@ -21,6 +21,22 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use wire::Parameters;
 
+/// Columns of a log. Only a monitor that is wired reads a drive: in process there is no amplifier, and without one an infinite tolerance says so.
+fn columns(is_closed_loop: bool, place: &Place, parameters: &Parameters) -> Vec<Column> {
+    let is_watched = *place != Place::InProcess && parameters.monitor_tolerance_v.is_finite();
+    [
+        Some(Column::Time),
+        Some(Column::Command),
+        Some(Column::Displacement),
+        is_closed_loop.then_some(Column::Reference),
+        is_watched.then_some(Column::Drive),
+        Some(Column::LimitedBy),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
 /// What a recording is made from. Files are names and contents.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
@@ -127,15 +143,7 @@ impl Recording {
             meta.other.insert("plant".into(), name.to_owned());
         }
         meta.other.insert("spec".into(), experiment.spec.clone());
-        let mut columns = vec![Column::Time, Column::Command, Column::Displacement];
-        if experiment.controller.is_some() {
-            columns.push(Column::Reference);
-        }
-        // In process there is no amplifier to watch.
-        if *facts.place != Place::InProcess {
-            columns.push(Column::Drive);
-        }
-        columns.push(Column::LimitedBy);
+        let columns = columns(experiment.controller.is_some(), facts.place, &ready.parameters);
         let log = &mut self.logs[index];
         log.growing = Some(Growing::begin(&self.path.join(&log.name), &meta, &columns)?);
         log.columns = columns;
@@ -259,4 +267,20 @@ fn run_json(facts: &Facts<'_>, names: &[String]) -> Value {
         "rate_hz": facts.rate_hz,
         "seed": facts.seed,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_monitor_that_is_not_wired_is_no_column() {
+        let wired = Parameters::NUCLEO_PI1;
+        let none = Parameters { monitor_tolerance_v: f32::INFINITY, ..wired };
+        let has_drive =
+            |place: &Place, parameters: &Parameters| columns(false, place, parameters).contains(&Column::Drive);
+        let there = Place::Tcp("127.0.0.1:1".to_owned());
+        assert!(has_drive(&there, &wired) && !has_drive(&there, &none) && !has_drive(&Place::InProcess, &wired));
+        assert_eq!(columns(true, &Place::InProcess, &wired)[3], Column::Reference);
+    }
 }

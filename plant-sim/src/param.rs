@@ -21,9 +21,13 @@ pub struct Param {
     /// Absolute standard deviation in the unit of the value (offsets, delays, noise).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma_abs: Option<f64>,
-    /// Where the number comes from: a table, a date and method, a fit, or "assumed".
-    #[serde(default, skip_serializing_if = "String::is_empty")]
+    /// Where the number comes from: a table, a date and method, a fit, or "assumed", which it is where a file says nothing.
+    #[serde(default = "assumed", skip_serializing_if = "String::is_empty")]
     pub source: String,
+}
+
+fn assumed() -> String {
+    "assumed".to_owned()
 }
 
 impl Param {

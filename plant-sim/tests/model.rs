@@ -18,6 +18,24 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
+/// What docs/files.md shows is what is read: all sections of either kind of file, and every number is assumed that has no source.
+#[test]
+fn the_files_that_are_explained_are_files() {
+    let text = fs::read_to_string(of_project("docs/files.md")).expect("a document of the project");
+    let examples: Vec<&str> =
+        text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().expect("an end")).collect();
+    let [plant, controller] = examples[..] else { panic!("{} examples", examples.len()) };
+    let model = Model::parse(plant, Path::new("docs/files.md")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(model.warnings(), Vec::<String>::new());
+    assert!(model.rig.is_some() && model.initial_state.is_some() && model.effects.len() == 1);
+    let offset = model.sensor.offset_um.as_ref().expect("a zero");
+    assert_eq!((offset.sigma_abs, offset.source.as_str()), (Some(0.5), "set by hand each day"));
+    assert_eq!(model.structure.stiffness_n_per_m.source, "assumed");
+    assert!(model.drive.quantum_v.is_some() && model.sensor.quantum_um.is_some());
+    let controller = Controller::parse(controller, Path::new("docs/files.md")).unwrap_or_else(|e| panic!("{e}"));
+    assert!(controller.limits.is_some() && controller.reference.is_some() && controller.guard.is_some());
+}
+
 #[test]
 fn every_file_of_the_project_is_read_without_a_warning_and_says_where_its_numbers_come_from() {
     for (directory, least) in [("models", 3), ("controllers", 4)] {
