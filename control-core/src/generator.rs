@@ -23,7 +23,7 @@
 //! | - | [`Segment::log_sweep`] | A sin(2 pi F0 S / ln q (q^(t/S) - 1)), q = F1 / F0 | 0 |
 //! | `ladder:A/N,hold=S` | [`Segment::ladder`] | A/N, 2A/N, ... A, then (N-1)A/N, ... A/N, 0; each for S | 0 |
 //! | `decaying-sine:A@F/S` | [`Segment::decaying_sine`] | A (1 - t / S) sin(2 pi F t), for demagnetising a loop | 0 |
-//! | `multisine`, `minor-loops`, `file` | [`Segment::table`] | the table's sample, again from its start when used up | goes on |
+//! | `multisine`, `file` | [`Segment::table`] | the table's sample, again from its start when used up | goes on |
 //!
 //! `sweep` in a SPEC is the linear one: its spectrum is flat per hertz, as the identification of a line of modes wants it, and it
 //! is what `sweep:20V@1-2000Hz/4s` reads like. The logarithmic one costs the board only one more 64-bit product.

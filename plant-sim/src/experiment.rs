@@ -6,7 +6,7 @@ use crate::chain::{Arrivals, Chain, Held, SensorState, Simulator};
 use crate::log::{Log, Meta};
 use crate::margins::Loop;
 use crate::replay::{Reader, Start};
-use crate::spec::{self, Shape, Spec, SpecError, Unit};
+use crate::spec::{self, Part, Shape, Spec, SpecError, Unit};
 use control_core::{
     Generator, GeneratorState, Inverse, InverseState, Law, LawState, Limits, Segment, Settings, Shaper, ShaperState,
 };
@@ -24,10 +24,10 @@ pub struct Program {
     rate_hz: f64,
     unit: Option<Unit>,
     shaped: bool,
-    parts: Vec<(spec::Part, Vec<Vec<f32>>)>,
+    parts: Vec<(Part, Vec<Vec<f32>>)>,
 }
 
-fn fail(part: &spec::Part, reason: String) -> SpecError {
+fn fail(part: &Part, reason: String) -> SpecError {
     SpecError { part: part.shape.kind().to_owned(), reason, in_file: matches!(part.shape, Shape::File { .. }) }
 }
 
@@ -38,12 +38,12 @@ impl Program {
     /// A part that can't be played at this rate.
     pub fn new(spec: &Spec, rate_hz: f64) -> Result<Self, SpecError> {
         let mut parts = Vec::new();
-        for part in &spec.parts {
+        for part in spec.parts.iter().flat_map(Part::generated) {
             let mut tables =
-                spec::table(&part.shape, rate_hz).map_err(|reason| fail(part, reason))?.unwrap_or_default();
+                spec::table(&part.shape, rate_hz).map_err(|reason| fail(&part, reason))?.unwrap_or_default();
             tables.iter_mut().flatten().for_each(|sample| *sample = (f64::from(*sample) * part.amplitude) as f32);
-            // A file and minor loops are as long as their samples.
-            let mut part = part.clone();
+            // A file is as long as its samples.
+            let mut part = part;
             if let (None, Shape::File { .. }, [table]) = (part.seconds, &part.shape, tables.as_slice()) {
                 part.seconds = Some(table.len() as f64 / rate_hz);
             }
@@ -104,7 +104,9 @@ impl Program {
                     }
                     continue;
                 }
-                Shape::MinorLoops { .. } | Shape::File { .. } => {
+                // There are none: they are generated as sines.
+                Shape::MinorLoops { .. } => continue,
+                Shape::File { .. } => {
                     let table = tables.first().map_or(&[][..], Vec::as_slice);
                     Segment::table(table, samples).map_err(add)?
                 }
@@ -310,7 +312,7 @@ fn run(
     let mut generator_state = GeneratorState::default();
     let rate = setup.rate_hz as f32;
     // A file's amplitude is its unit; how far it reaches is in its samples.
-    let reach = |(part, tables): &(spec::Part, Vec<Vec<f32>>)| {
+    let reach = |(part, tables): &(Part, Vec<Vec<f32>>)| {
         let amplitude = if tables.is_empty() { part.amplitude.abs() as f32 } else { 0.0 };
         tables.iter().flatten().fold(amplitude, |reach, sample| reach.max(sample.abs()))
     };

@@ -58,6 +58,24 @@ pub struct Part {
     pub shaped: bool,
 }
 
+impl Part {
+    /// This part as boards generate it: minor loops are sines one after the other, the last of which goes on.
+    pub fn generated(&self) -> Vec<Part> {
+        let Shape::MinorLoops { hz } = self.shape else { return vec![self.clone()] };
+        let mut left_s = self.seconds.unwrap_or(f64::INFINITY);
+        let mut sines = Vec::new();
+        for scale in MINOR_LOOP_SCALES {
+            let seconds = left_s.min(2.0 / hz);
+            if seconds > 0.0 {
+                let amplitude = scale * self.amplitude;
+                sines.push(Part { shape: Shape::Sine { hz }, amplitude, seconds: Some(seconds), ..self.clone() });
+            }
+            left_s -= seconds;
+        }
+        sines
+    }
+}
+
 /// Waveforms, for an amplitude of one.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
@@ -467,18 +485,13 @@ pub fn table_samples(shape: &Shape, rate_hz: f64) -> Option<usize> {
         Shape::Multisine { hz, realisations, .. } => {
             Some(((rate_hz / hz[0]).round() * f64::from(*realisations)) as usize)
         }
-        Shape::MinorLoops { hz } => Some(minor_loop_samples(rate_hz / hz) as usize),
         _ => None,
     }
 }
 
-fn minor_loop_samples(period: f64) -> f64 {
-    (2.0 * MINOR_LOOP_SCALES.len() as f64 * period).round()
-}
-
 /// Samples of a waveform that boards play from a table, for an amplitude of one; `None` for the kinds they generate.
 ///
-/// A multisine's table holds one period of every realisation, a file's its numbers, minor loops all of their periods.
+/// A multisine's table holds one period of every realisation, a file's its numbers.
 ///
 /// # Errors
 /// A file that can't be read, or a multisine whose period isn't a whole number of samples.
@@ -511,20 +524,6 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
             let tables =
                 (0..*realisations).map(|_| multisine(period.round() as usize, hz[1] / hz[0], *odd, &mut random));
             Ok(Some(tables.collect()))
-        }
-        Shape::MinorLoops { hz } => {
-            let period = rate_hz / hz;
-            let total = minor_loop_samples(period);
-            if total > MOST_TABLE_SAMPLES {
-                return Err(format!("{total:.0} samples are too many to make: lower the rate or raise the frequency"));
-            }
-            let total = total as usize;
-            let sample = |k: usize| {
-                let turns = k as f64 / period;
-                let scale = MINOR_LOOP_SCALES[((turns / 2.0) as usize).min(MINOR_LOOP_SCALES.len() - 1)];
-                (scale * (TAU * turns).sin()) as f32
-            };
-            Ok(Some(vec![(0..total).map(sample).collect()]))
         }
         Shape::File { path } => read_samples(path).map(|samples| Some(vec![samples])),
         _ => Ok(None),
@@ -671,11 +670,9 @@ mod tests {
 
     #[test]
     fn the_length_of_tables_is_known_before_they_are_made() {
-        for text in ["multisine:20V@10-90Hz,realisations=3", "minor-loops:60V@7Hz", "minor-loops:60V@33Hz"] {
-            let shape = one(text).shape;
-            let made = table(&shape, 1000.0).expect("valid").expect("a table");
-            assert_eq!(table_samples(&shape, 1000.0), Some(made.iter().map(Vec::len).sum()), "{text}");
-        }
+        let shape = one("multisine:20V@10-90Hz,realisations=3").shape;
+        let made = table(&shape, 1000.0).expect("valid").expect("a table");
+        assert_eq!(table_samples(&shape, 1000.0), Some(made.iter().map(Vec::len).sum()));
         assert_eq!(table_samples(&one("sine:20um@10Hz").shape, 1000.0), None);
         assert_eq!(table_samples(&one("file:none.csv").shape, 1000.0), None);
     }

@@ -22,7 +22,7 @@ const STANDARD: [&str; 5] = [
     "ladder:60V/4,hold=2s",
     "minor-loops:60V@1Hz+minor-loops:60V@10Hz+minor-loops:60V@50Hz",
     "sine:60V@50Hz,for=0.5s+sine:40V@50Hz,for=0.5s+sine:20V@50Hz,for=0.5s",
-    "multisine:15V@4-1500Hz,periods=4,for=1s",
+    "multisine:15V@5-1500Hz,periods=4,for=1s",
 ];
 /// The volts that the registry's SPECs are written for.
 const WRITTEN_FOR_V: f64 = 60.0;

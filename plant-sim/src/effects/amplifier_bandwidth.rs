@@ -19,7 +19,7 @@ const ABOUT: About = About {
     experiment: "a multisine to 2 kHz at two amplitudes: a delay leaves the gain alone, a slew limit depends on the \
                  amplitude. From the sensor's lag only a tap of the amplifier's output tells it apart for certain; \
                  stops and dead zones help",
-    spec: "multisine:15V@4-2000Hz,periods=4,for=1s+multisine:5V@4-2000Hz,periods=4,for=1s",
+    spec: "multisine:15V@10-2000Hz,periods=4,for=1s+multisine:5V@10-2000Hz,periods=4,for=1s",
 };
 
 /// The parameter of a first-order lag.

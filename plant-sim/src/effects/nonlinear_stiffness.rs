@@ -19,7 +19,7 @@ const ABOUT: About = About {
     rivals: &["asymmetric_stiffness", "amplifier_saturation", "end_stop", "sensor_nonlinearity", "payload_mass"],
     experiment: "slow sines at two amplitudes, then multisines at two across the resonance: only a spring moves the \
                  resonance with the amplitude",
-    spec: "sine:20V@10Hz,for=1s+sine:60V@10Hz,for=1s+multisine:5V@4-2000Hz,periods=4+multisine:30V@4-2000Hz,periods=4",
+    spec: "sine:20V@10Hz,for=1s+sine:60V@10Hz,for=1s+multisine:5V@10-2000Hz,periods=4+multisine:30V@10-2000Hz,periods=4",
 };
 
 fn cubic(scales: &Scales<'_>) -> Parameter {

@@ -17,7 +17,7 @@ const ABOUT: About = About {
     rivals: &["vibration_mode", "nonlinear_stiffness"],
     experiment: "a multisine across the resonance at two amplitudes: a mass moves it alike in both. A known weight on \
                  top settles it",
-    spec: "multisine:15V@4-2000Hz,periods=4,for=1s+multisine:5V@4-2000Hz,periods=4,for=1s",
+    spec: "multisine:15V@10-2000Hz,periods=4,for=1s+multisine:5V@10-2000Hz,periods=4,for=1s",
 };
 
 const FORMS: &[Form] = &[

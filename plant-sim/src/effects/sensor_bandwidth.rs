@@ -21,7 +21,7 @@ const ABOUT: About = About {
     rivals: &["transport_delay", "amplifier_bandwidth", "amplifier_gain"],
     experiment: "tap the amplifier's output: what lags between command and tap is the amplifier, the rest the sensor. \
                  A multisine to 2 kHz separates a lag from a delay",
-    spec: "multisine:15V@4-2000Hz,periods=4",
+    spec: "multisine:15V@5-2000Hz,periods=4",
 };
 
 const FORMS: &[Form] = &[

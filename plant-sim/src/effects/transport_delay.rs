@@ -16,7 +16,7 @@ const ABOUT: About = About {
                 gain untouched",
     rivals: &["amplifier_bandwidth", "sensor_bandwidth", "rate_dependent_hysteresis", "clock_error"],
     experiment: "a multisine to 2 kHz: a delay leaves the gain alone, a lag lowers it",
-    spec: "multisine:15V@4-2000Hz,periods=4",
+    spec: "multisine:15V@5-2000Hz,periods=4",
 };
 
 const FORMS: &[Form] = &[Form::predictable(

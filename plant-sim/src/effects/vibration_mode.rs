@@ -24,7 +24,7 @@ const ABOUT: About = About {
     rivals: &["payload_mass", "periodic_force"],
     experiment: "a multisine with fine lines: the mode is a narrow peak and dip that scales with the drive; a periodic \
                  force is there without it",
-    spec: "zero@2s+multisine:15V@1-2000Hz,periods=4",
+    spec: "zero@2s+multisine:15V@5-2000Hz,periods=4",
 };
 
 /// Frequencies from which a search starts: from 100 Hz to 8 kHz they are 7.7 % apart, so that one lies within the half-power width of a
