@@ -349,7 +349,7 @@ fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {
 
 fn number(text: &str) -> Result<f64, String> {
     text.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-        let is_scaled = text.trim_end_matches(['m', 'k', 'u', 'n', 'M']) != text;
+        let is_scaled = text.trim_end_matches(['m', 'k', 'u', 'n', 'M']).parse::<f64>().is_ok();
         let units = if is_scaled { ": the units are V, um, Hz, s and ms" } else { "" };
         format!("{text:?} is not a number{units}")
     })
