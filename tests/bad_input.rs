@@ -296,7 +296,7 @@ fn wrong_specs() {
         ("step", "a step needs an amplitude, as in `step:20um`"),
         ("step:nanV", "\"nan\" is not a number"),
         ("step:60mV", "\"60m\" is not a number: the units are V, um, Hz, s and ms"),
-        ("sine:5V@10kHz", "\"10k\" is not a number: the units are"),
+        ("sine:5V@10kHz", "\"10k\" is not a number: the units are V, um, Hz, s and ms"),
         ("step:80V@10Hz", "a step has no frequency"),
         ("sine:20V", "a sine needs a frequency, as in `sine:20um@10Hz`"),
         ("sine:20V@0Hz", "\"0\" must be greater than zero"),
