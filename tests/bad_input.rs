@@ -337,7 +337,7 @@ fn wrong_specs() {
     bench.refused(
         &open_loop("file:@/nowhere,unit=V", "20000", "0.01"),
         3,
-        "SPEC part \"file\": @/nowhere cannot be read: No such file or directory (os error 2)",
+        "SPEC part \"file\": @/nowhere cannot be read: No such file or directory (os error 2); check the name",
     );
     bench.folder.write("wave.txt", "volts\n# a comment\n1.0\n2.0\n3,0\n");
     bench.refused(
