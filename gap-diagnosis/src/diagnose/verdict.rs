@@ -16,6 +16,8 @@ const SAME_COST: f64 = 9.0;
 /// Ratio of probabilities within which two good fits are one answer, and what a good fit leaves at most.
 const SAME_PROBABILITY: f64 = 5.0;
 const GOOD: f64 = 0.10;
+/// Ratio of probabilities beyond which two are told apart, by the numbers that they need or the shifts that they cost, though both leave as much.
+const TOLD_APART: f64 = 100.0;
 /// Fits that leave much, but as much as one another within this share, are one answer as well, up to this fraction.
 const ALIKE: f64 = 0.05;
 const HALF: f64 = 0.5;
@@ -245,8 +247,9 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
         let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;
         // Where nothing was left to begin with, all of them leave nothing: what tells them apart is how far the numbers have to go.
         let close = course.has_gap() && (alike || (left - their_left).abs() < floor && left.max(their_left) < GOOD);
-        let even = top.probability < SAME_PROBABILITY * other.probability && left.max(their_left) < GOOD;
-        if close || even {
+        let within = |times: f64| top.probability < times * other.probability;
+        let even = within(SAME_PROBABILITY) && left.max(their_left) < GOOD;
+        if close && within(TOLD_APART) || even {
             for id in [own, theirs] {
                 if !members.contains(&id) {
                     members.push(id);
