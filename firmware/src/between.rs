@@ -122,8 +122,7 @@ impl Control {
             | flag(is_bridged, Flags::BRIDGE)
             | flag(is_enabled, Flags::ENABLE);
         let sample = Sample {
-            // A float to integer conversion saturates, and makes 0 of NaN.
-            reference: (output.reference_m * self.set.reference_steps_per_m) as i16,
+            reference: nearest(output.reference_m * self.set.reference_steps_per_m),
             displacement,
             monitor,
             drive,
@@ -157,7 +156,7 @@ impl Control {
             }
             Request::Run => self.controller.run(),
             Request::Stop => self.controller.stop(),
-            Request::ClearFault => self.controller.clear_fault(),
+            Request::ClearFault => self.clear_fault(),
             Request::Apply(set) => {
                 if set.period_cycles != self.set.period_cycles {
                     registers::set_period(set.period_cycles);
@@ -207,6 +206,12 @@ impl Control {
         };
         result.map_or_else(Reply::Refused, |()| Reply::Done)
     }
+}
+
+/// A float to integer conversion cuts off, saturates, and makes 0 of NaN.
+#[inline(always)]
+fn nearest(steps: f32) -> i16 {
+    (steps + 0.5_f32.copysign(steps)) as i16
 }
 
 fn drop_one() {

@@ -19,6 +19,8 @@ use wire::{Checked, InputSource};
 
 /// Overruns count 256 each and fade by one a sample: `overrun_limit` of them within about 256 samples are a fault.
 const OVERRUN_WEIGHT: u32 = 256;
+/// So many times as many in the fault mode take ENABLE off.
+const GIVEN_UP: u32 = 2;
 
 /// The loop's state is the control interrupt's.
 pub(crate) const OPEN: u8 = 0;
@@ -59,6 +61,8 @@ pub(crate) struct Control {
     pub(crate) input: InputSource,
     pub(crate) monitor_misses: u32,
     pub(crate) last: Last,
+    /// Late drives go on and on in the fault mode, so that its ramp does not end: ENABLE is the way that is left.
+    is_given_up: bool,
     pub(crate) capture: Capture,
     pub(crate) desk: crate::between::Desk,
 }
@@ -111,6 +115,7 @@ pub fn begin(set: &'static Checked, fault: Option<FaultCode>) {
             is_late: false,
             is_new: false,
         },
+        is_given_up: false,
         capture: Capture::new(),
         desk: crate::between::Desk::new(),
     };
@@ -217,14 +222,14 @@ impl Control {
         }
     }
 
-    /// From arming (the DAC has been at the safe level since the start) until 0 V is reached again. While it is so, ENABLE is toggled each
+    /// From arming (the DAC has been at the safe level since the start) until 0 V is reached again, or can't be. While it is so, ENABLE is toggled each
     /// sample: a loop that hangs toggles nothing, and the monostable behind the pin falls back.
     #[inline(always)]
     pub(crate) fn is_amplifier_wanted(&self, output: &Output) -> bool {
         match self.controller.mode_name() {
             ModeName::Idle => false,
             ModeName::Armed | ModeName::Running | ModeName::Stopping => true,
-            ModeName::Fault => output.drive_v != 0.0,
+            ModeName::Fault => output.drive_v != 0.0 && !self.is_given_up,
         }
     }
 
@@ -293,9 +298,19 @@ impl Control {
             beat.overrun_score += OVERRUN_WEIGHT;
             add_one(&shared::OVERRUNS);
         }
-        let is_watched = !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault);
-        if is_watched && beat.overrun_score >= u32::from(self.set.overrun_limit) * OVERRUN_WEIGHT {
-            self.controller.trip(FaultCode::Overrun);
+        let most = u32::from(self.set.overrun_limit) * OVERRUN_WEIGHT;
+        // More would keep a loop that could run again from running, for as long as it lasted.
+        beat.overrun_score = beat.overrun_score.min(GIVEN_UP * most);
+        match self.controller.mode_name() {
+            ModeName::Idle => {}
+            ModeName::Fault if beat.overrun_score >= GIVEN_UP * most => {
+                self.is_given_up = true;
+                beat.enable = registers::ENABLE_LOW;
+                registers::write_enable(beat.enable);
+            }
+            ModeName::Fault => {}
+            _ if beat.overrun_score >= most => self.controller.trip(FaultCode::Overrun),
+            _ => {}
         }
         if !is_late {
             beat.overrun_score = beat.overrun_score.saturating_sub(1);
@@ -317,6 +332,11 @@ impl Control {
         self.last.output.drive_v = held_v;
         self.last.is_late = true;
         true
+    }
+
+    /// Leaves the fault mode, and what it had to give up with it.
+    pub(crate) fn clear_fault(&mut self) -> Result<(), control_core::Refused> {
+        self.controller.clear_fault().inspect(|()| self.is_given_up = false)
     }
 
     /// One sample over the bridge, between the samples of the board. The law is the same; the DAC does not hear of it.

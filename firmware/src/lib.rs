@@ -56,7 +56,7 @@ pub trait Board {
     const PUT_CYCLES: u32;
     /// The control interrupt.
     const INTERRUPT: Interrupt;
-    /// Sets the converters up, the DAC at the safe level first; the timer does not run yet.
+    /// Sets the converters up, the DAC at the safe level first (an external one has it with the timer's first latch); the timer does not run yet.
     fn begin();
     /// Sets the timer up for them; it does not run yet.
     fn begin_timer(period_cycles: u32);

@@ -216,8 +216,9 @@ extern "C" fn NonMaskableInt() {
         set_mark(MARK_CLOCK);
         cortex_m::peripheral::SCB::sys_reset();
     }
-    if registers::flash::take_double_error().is_some() {
-        store::note_torn();
+    if registers::flash::take_double_error().is_some() && !store::note_torn() {
+        // An instruction or a vector that may be another one.
+        stop_for_good();
     }
 }
 

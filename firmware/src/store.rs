@@ -22,6 +22,8 @@ const CONTENT_BYTES: usize = RECORD_BYTES - CONTENT - 4;
 
 /// Set by the NMI when a double word could not be corrected.
 static IS_TORN: AtomicBool = AtomicBool::new(false);
+/// A copy is being read: what can't be corrected is of it.
+static IS_READ: AtomicBool = AtomicBool::new(false);
 
 /// What was found in flash.
 #[derive(Debug, PartialEq)]
@@ -60,9 +62,10 @@ enum Copy {
     Whole { generation: u32, parameters: Parameters },
 }
 
-/// Called by the NMI handler.
-pub fn note_torn() {
+/// Called by the NMI handler; whether the double word was one of a copy. One of the program is no matter of the store.
+pub fn note_torn() -> bool {
     IS_TORN.store(true, Ordering::Relaxed);
+    IS_READ.load(Ordering::Relaxed)
 }
 
 /// The newest whole set.
@@ -125,12 +128,14 @@ fn address(page_idx: usize) -> u32 {
 
 fn read(page_idx: usize) -> Copy {
     IS_TORN.store(false, Ordering::Relaxed);
+    IS_READ.store(true, Ordering::Relaxed);
     let mut record = [0_u8; RECORD_BYTES];
     let (words, _) = record.as_chunks_mut::<4>();
     for (k, word) in words.iter_mut().enumerate() {
         // SAFETY: readable flash. Volatile, because the hardware writes it.
         *word = unsafe { (address(page_idx) as *const u32).add(k).read_volatile() }.to_le_bytes();
     }
+    IS_READ.store(false, Ordering::Relaxed);
     if IS_TORN.load(Ordering::Relaxed) {
         return Copy::Broken;
     }

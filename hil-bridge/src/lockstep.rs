@@ -24,8 +24,8 @@ pub enum LockstepError<E> {
     Parameters(ParameterError),
     #[error("the board is {mode}, driving its own pins: stop it first (`hysteron board stop`)")]
     Busy { mode: &'static str },
-    #[error("the board is in a fault, {fault}: see to its cause, then repeat the call with --clear-fault")]
-    InFault { fault: String },
+    #[error("the board is in a fault, {fault}: {advice}")]
+    InFault { fault: String, advice: &'static str },
     #[error("the link carries every {every}th sample only: lower --rate to {most_hz:.0} Hz or less")]
     LinkTooSlow { every: u16, most_hz: f64 },
     /// What the caller does with a row failed.
@@ -94,7 +94,9 @@ pub struct Outcome {
 /// What a board is to do.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// Its law's settings; those that it has where `None`.
+    /// What the settings go over; the set in force where `None`.
+    pub own: Option<Parameters>,
+    /// Its law's settings; those of the set where `None`.
     pub settings: Option<&'a Settings>,
     /// Samples per second.
     pub rate_hz: f64,
@@ -118,7 +120,7 @@ pub fn prepare<L: Link, E>(
 ) -> Result<Ready, LockstepError<E>> {
     let rate_hz = f64::from(settings.rate_hz);
     let input = InputSource::Bridge;
-    let task = Task { settings: Some(settings), rate_hz, waveform, is_closed_loop: true, input };
+    let task = Task { own: None, settings: Some(settings), rate_hz, waveform, is_closed_loop: true, input };
     prepare_task(session, &task, clear_fault)
 }
 
@@ -132,7 +134,10 @@ pub fn prepare_task<L: Link, E>(
     clear_fault: bool,
 ) -> Result<Ready, LockstepError<E>> {
     let board = idle(session, clear_fault)?;
-    let parameters = session.parameters()?;
+    let parameters = match task.own {
+        Some(parameters) => parameters,
+        None => session.parameters()?,
+    };
     let parameters = match task.settings {
         Some(settings) => parameters.with_settings(settings),
         None => Parameters { rate_hz: task.rate_hz as f32, ..parameters },
@@ -162,15 +167,32 @@ pub fn probe<L: Link, E>(session: &mut Session<L>, samples: u32) -> Result<Board
     Ok(board)
 }
 
-/// The handshake with a board that is idle then: out of a run over the bridge that its host did not end, and out of a fault, if that is allowed.
+/// The handshake with a board that is idle then: out of a run over the bridge that its host did not end, and out of a fault, if that is allowed and
+/// the board's own parameters and clock are those of its bench.
 ///
 /// # Errors
 /// [`LockstepError`]; one that drives its own pins goes on.
 pub fn idle<L: Link, E>(session: &mut Session<L>, clear_fault: bool) -> Result<Board, LockstepError<E>> {
+    let is_as_set = |fault| !matches!(fault, FaultCode::ParameterStore | FaultCode::Clock);
+    idle_from(session, |fault| clear_fault && is_as_set(fault))
+}
+
+/// The same for who then sets the parameters, which may be those of the image.
+///
+/// # Errors
+/// As [`idle`].
+pub fn idle_to_set<L: Link, E>(session: &mut Session<L>, clear_fault: bool) -> Result<Board, LockstepError<E>> {
+    idle_from(session, |fault| clear_fault && fault != FaultCode::Clock)
+}
+
+fn idle_from<L: Link, E>(
+    session: &mut Session<L>,
+    may_leave: impl Fn(FaultCode) -> bool,
+) -> Result<Board, LockstepError<E>> {
     let board = session.greet()?;
     let status = session.status()?;
     if status.mode != ModeName::Idle as u8 {
-        free(session, &board, &status, clear_fault)?;
+        free(session, &board, &status, may_leave)?;
     }
     Ok(board)
 }
@@ -180,11 +202,18 @@ fn free<L: Link, E>(
     session: &mut Session<L>,
     board: &Board,
     status: &Status,
-    clear: bool,
+    may_leave: impl Fn(FaultCode) -> bool,
 ) -> Result<(), LockstepError<E>> {
     let fault = FaultCode::from_number(status.fault);
-    if let (Some(fault), false) = (fault, clear) {
-        return Err(LockstepError::InFault { fault: fault.word().replace('_', " ") });
+    if let Some(fault) = fault.filter(|fault| !may_leave(*fault)) {
+        let advice = match fault {
+            FaultCode::ParameterStore => {
+                "what it had stored can't be read, and it has its image's numbers, the sensor's too: give it yours with `hysteron board parameters --clear-fault --set .. --save`"
+            }
+            FaultCode::Clock => "its crystal does not run, and its clock may be 1 % off: mend it, then reset the board",
+            _ => "see to its cause, then repeat the call with --clear-fault",
+        };
+        return Err(LockstepError::InFault { fault: fault.word().replace('_', " "), advice });
     }
     let is_bridged = status.input == InputSource::Bridge;
     if fault.is_none() {

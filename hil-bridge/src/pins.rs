@@ -9,7 +9,7 @@ use crate::session::{Block, Session, SessionError};
 use control_core::{AdcCode, DacCode, FaultCode, ModeName};
 use std::ops::ControlFlow;
 use std::time::Duration;
-use wire::{Flags, Sample, ToBoard};
+use wire::{Flags, Parameters, Sample, ToBoard};
 
 /// How long a look for samples waits: a block of 48 takes 2.4 ms at 20 kHz.
 const LOOK: Duration = Duration::from_millis(5);
@@ -17,8 +17,10 @@ const LOOK: Duration = Duration::from_millis(5);
 const ALIVE: Duration = Duration::from_millis(50);
 /// Without a sample for so long, the stream is gone.
 const STARVED: Duration = Duration::from_secs(3);
-/// Longest way to 0 V after the run; the ramp takes milliseconds.
+/// What a board may take beyond its ramp, which takes milliseconds as a rule, until it is at 0 V.
 const END: Duration = Duration::from_secs(5);
+/// The longest that is waited for.
+const LONGEST_RAMP: Duration = Duration::from_secs(600);
 
 /// Runs a prepared board ([`crate::lockstep::prepare_task`], its input the ADC) for `samples` from the first one of the running loop on. Each
 /// row is given to `on_row` as it comes; if that fails, the board is stopped and the failure returned. The board ends idle or in its
@@ -32,12 +34,7 @@ pub fn run<L: Link, E>(
     samples: usize,
     on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
-    let every = session.start_stream()?;
-    if every != 1 {
-        session.stop_stream()?;
-        let most_hz = f64::from(ready.parameters.rate_hz) / f64::from(every);
-        return Err(LockstepError::LinkTooSlow { every, most_hz });
-    }
+    start_stream(session, ready)?;
     let followed = follow(session, ready, samples, on_row);
     // The first failure is the one to tell.
     let left = leave(session);
@@ -45,6 +42,25 @@ pub fn run<L: Link, E>(
     left?;
     outcome.fault = FaultCode::from_number(session.status()?.fault);
     Ok(outcome)
+}
+
+/// Whether the link carries every sample of a board that is prepared; asked before anything is written or moves.
+///
+/// # Errors
+/// [`LockstepError::LinkTooSlow`], or what the link makes.
+pub fn check_stream<L: Link, E>(session: &mut Session<L>, ready: &Ready) -> Result<(), LockstepError<E>> {
+    start_stream(session, ready)?;
+    Ok(session.stop_stream()?)
+}
+
+fn start_stream<L: Link, E>(session: &mut Session<L>, ready: &Ready) -> Result<(), LockstepError<E>> {
+    let every = session.start_stream()?;
+    if every == 1 {
+        return Ok(());
+    }
+    session.stop_stream()?;
+    let most_hz = f64::from(ready.parameters.rate_hz) / f64::from(every);
+    Err(LockstepError::LinkTooSlow { every, most_hz })
 }
 
 fn follow<L: Link, E>(
@@ -158,18 +174,37 @@ impl Record<'_> {
 /// Stops the loop and waits for 0 V: the board is idle then, or in its fault.
 ///
 /// # Errors
-/// [`SessionError`].
+/// [`SessionError`]; one that is still on its way when its ramp should have ended.
 pub fn stop<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
-    let is_at_rest = |mode: u8| mode == ModeName::Idle as u8 || mode == ModeName::Fault as u8;
-    if !is_at_rest(session.status()?.mode) {
+    let has = |mode: u8, is: ModeName| mode == is as u8;
+    let mode = session.status()?.mode;
+    if has(mode, ModeName::Idle) {
+        return Ok(());
+    }
+    if !has(mode, ModeName::Fault) {
         session.stop()?;
     }
-    let until = session.link().now() + END;
-    while !is_at_rest(session.status()?.mode) && session.link().now() < until {
+    let ramp = session.parameters().map_or(END, |parameters| ramp(&parameters));
+    let (down, until) = (session.link().now() + ramp, session.link().now() + ramp + END);
+    loop {
+        let (mode, now) = (session.status()?.mode, session.link().now());
+        // A fault says nothing of its ramp.
+        if has(mode, ModeName::Idle) || has(mode, ModeName::Fault) && now >= down {
+            return Ok(());
+        }
+        if now >= until {
+            return Err(SessionError::NotAtRest);
+        }
         // The bench's time passes meanwhile, on a simulated board too.
         session.next_block(LOOK)?;
     }
-    Ok(())
+}
+
+/// How long the way to 0 V takes at the most: the ramp is steepest in its middle, 15/8 of its mean.
+fn ramp(parameters: &Parameters) -> Duration {
+    let most_v = parameters.drive_min_v.abs().max(parameters.drive_max_v.abs());
+    let seconds = 1.875 * most_v / parameters.slew_v_per_s + 2.0 / parameters.rate_hz;
+    Duration::try_from_secs_f32(seconds).map_or(LONGEST_RAMP, |ramp| ramp.min(LONGEST_RAMP))
 }
 
 /// Stops the loop, waits for 0 V and ends the stream.
@@ -183,7 +218,7 @@ mod tests {
     use super::*;
     use crate::session::Board;
     use control_core::Limits;
-    use wire::{Converters, Parameters};
+    use wire::Converters;
 
     /// What becomes of blocks that begin with these numbers, four running samples each.
     fn rows(firsts: &[u32]) -> (Vec<usize>, Vec<usize>) {

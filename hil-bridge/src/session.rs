@@ -37,6 +37,10 @@ pub enum SessionError {
     Refused { request: String, reason: String },
     #[error("the board does not answer {request}; look after power, cable, port and baud rate")]
     Silent { request: String },
+    #[error(
+        "the board is still on its way to 0 V, longer than its ramp takes: press the wired stop, and look at the bench"
+    )]
+    NotAtRest,
     #[error("the board is gone: {lost} requests in a row without an answer; look after power and cable")]
     Gone { lost: u64 },
 }
@@ -182,13 +186,19 @@ impl<L: Link> Session<L> {
     /// # Errors
     /// [`SessionError`].
     pub fn stop(&mut self) -> Result<(), SessionError> {
-        while self.attempt(&ToBoard::Stop)?.is_none() {
-            // It may have been heard, and its answer lost.
+        loop {
+            let refused = match self.attempt(&ToBoard::Stop) {
+                Ok(Some(_)) => return Ok(()),
+                Ok(None) => None,
+                Err(refused @ SessionError::Refused { .. }) => Some(refused),
+                Err(error) => return Err(error),
+            };
+            // It may have been heard, and its answer lost; or a fault came first.
             if ![ModeName::Armed as u8, ModeName::Running as u8].contains(&self.status()?.mode) {
-                break;
+                return Ok(());
             }
+            refused.map_or(Ok(()), Err)?;
         }
-        Ok(())
     }
 
     /// One sample over the bridge; `None` where it or its answer was lost.

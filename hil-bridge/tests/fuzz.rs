@@ -383,8 +383,14 @@ fn a_host_survives_any_board_and_ends() {
         let _ = probe::<_, Infallible>(&mut session, 50);
         for input in [InputSource::Bridge, InputSource::Analog] {
             let mut session = Session::new(babble(random.random()));
-            let task =
-                Task { settings: Some(&settings), rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop: true, input };
+            let task = Task {
+                own: None,
+                settings: Some(&settings),
+                rate_hz: RATE_HZ,
+                waveform: &waveform,
+                is_closed_loop: true,
+                input,
+            };
             let Ok(ready) = prepare_task::<_, Infallible>(&mut session, &task, random.random()) else { continue };
             let setup =
                 Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: 100, latency_s: 10e-6, seed: 1 };

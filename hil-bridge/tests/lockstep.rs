@@ -133,7 +133,8 @@ fn a_plant_beyond_the_guard_ends_in_a_fault_at_0_v_and_is_cleared_only_when_told
 fn driven(volts: u32) -> (bool, f64) {
     let (chain, waveform) = (noisy(), waveform(&format!("hold:{volts}V")));
     let (mut session, input) = (Session::new(InProcess::nucleo()), InputSource::Bridge);
-    let task = Task { settings: Some(&pi1()), rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop: false, input };
+    let task =
+        Task { own: None, settings: Some(&pi1()), rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop: false, input };
     let ready = prepare_task::<_, std::convert::Infallible>(&mut session, &task, false).unwrap();
     let start = Start::relaxed(&chain);
     let latency_s = ready.latency_s;

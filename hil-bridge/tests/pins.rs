@@ -23,7 +23,8 @@ const SAMPLES: usize = 600;
 fn prepared<L: Link>(session: &mut Session<L>, spec: &str, is_closed_loop: bool) -> Ready {
     let (settings, waveform) = (pi1(), waveform(spec));
     let settings = is_closed_loop.then_some(&settings);
-    let task = Task { settings, rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop, input: InputSource::Analog };
+    let task =
+        Task { own: None, settings, rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop, input: InputSource::Analog };
     prepare_task::<_, Infallible>(session, &task, false).unwrap()
 }
 

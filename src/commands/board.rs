@@ -81,6 +81,13 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let report = run(&image, &experiment, &|done| bar.set_position(done))
         .map_err(|error| Failure::hardware(format!("virtual board: {error}")))?;
     bar.finish_and_clear();
+    if report.firmware.split(' ').next() != Some(env!("CARGO_PKG_VERSION")) {
+        let ours = env!("CARGO_PKG_VERSION");
+        warnings.push(format!(
+            "the image is of firmware {}, this program is {ours}: hil and record take only one of this release (cargo xtask firmware)",
+            report.firmware
+        ));
+    }
     write_log(call, &report, &checked)?;
     output::warn(&warnings);
     say(call, &report)?;

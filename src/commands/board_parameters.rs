@@ -5,7 +5,7 @@ use crate::commands::board;
 use crate::commands::link::standing;
 use crate::failure::Failure;
 use crate::output;
-use hil_bridge::lockstep::idle;
+use hil_bridge::lockstep::idle_to_set;
 use hil_bridge::run_directory::{RunError, parameters_json};
 use serde_json::json;
 use toml::Table;
@@ -15,7 +15,7 @@ use wire::{Parameters, ToBoard};
 pub fn board_parameters(call: &BoardParametersCall) -> Result<(), Failure> {
     let mut session = standing(&call.at)?;
     let is_shown = call.set.is_empty() && call.controller.is_none() && !call.save && !call.clear_fault;
-    let found = if is_shown { session.greet()? } else { idle::<_, RunError>(&mut session, call.clear_fault)? };
+    let found = if is_shown { session.greet()? } else { idle_to_set::<_, RunError>(&mut session, call.clear_fault)? };
     let before = session.parameters()?;
     let mut asked = before;
     if let Some(path) = &call.controller {

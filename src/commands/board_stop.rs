@@ -19,11 +19,14 @@ pub fn board_stop(call: &BoardStopCall) -> Result<(), Failure> {
         greeted => greeted.map(|_| None)?,
     };
     // Over the bridge only a host's samples move a ramp on, which is what `idle` is for.
-    if session.status()?.input != InputSource::Bridge {
+    let drives = session.status()?.input != InputSource::Bridge;
+    if drives {
         pins::stop(&mut session)?;
     }
     if let Some(error) = other {
-        output::line("stopped, at 0 V");
+        if drives {
+            output::line("stopped, at 0 V");
+        }
         return Err(error.into());
     }
     let board = idle::<_, RunError>(&mut session, call.clear_fault)?;

@@ -2,7 +2,7 @@
 
 use crate::arguments::{HilCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, in_fault, link_facts, open, session};
+use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
 use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::Faulty;
@@ -70,6 +70,8 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let link =
         Faulty::new(open(&call.at, Some(&model), call.rate, call.seed, None)?, faults.unwrap_or_default(), call.seed);
     let mut session = session(&call.at, link);
+    session.greet()?;
+    let own = session.parameters()?;
     let ready = prepare::<_, RunError>(&mut session, &settings, &waveform, call.clear_fault)?;
     let mut ready = ready;
     let mut told = Vec::new();
@@ -154,6 +156,9 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     if outcome.overruns > 0 {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
+    }
+    if outcome.fault.is_none() {
+        warnings.extend(put_back(&mut session, own));
     }
     output::warn(&warnings);
     if !call.json {

@@ -15,6 +15,7 @@ use plant_sim::model::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use virtual_board::Image;
+use wire::{Parameters, ToBoard};
 
 /// A conversation over `link`, as patient as the call says.
 pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
@@ -56,6 +57,9 @@ pub fn opener(
     seed: u64,
     anti_alias_hz: Option<f64>,
 ) -> Result<Open, Failure> {
+    if anti_alias_hz.is_some() && at.board != Place::Virtual {
+        return Err(Failure::call("--anti-alias-hz is the filter of a virtual board's bench: leave it out"));
+    }
     if at.image.is_some() && at.board != Place::Virtual {
         return Err(Failure::call("--image is for --board virtual: leave it out"));
     }
@@ -84,6 +88,12 @@ fn serial(path: PathBuf, baud: u32) -> Result<Open, Failure> {
 #[cfg(not(unix))]
 fn serial(_: PathBuf, _: u32) -> Result<Open, Failure> {
     Err(Failure::call("--board serial: not on this system; use tcp"))
+}
+
+/// Gives an idle board back the set that it had before a controller's was put over it: its limits are none of the next call's. What there is to warn of.
+pub fn put_back<L: Link>(session: &mut Session<L>, own: Parameters) -> Option<String> {
+    let error = session.order(&ToBoard::SetParameters(own)).err()?;
+    Some(format!("the board keeps the controller's limits until it is set anew: {error}"))
 }
 
 /// A run that ended in a fault of the board, of which `log` keeps the last rows.

@@ -2,7 +2,7 @@
 
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, in_fault, link_facts, open, session};
+use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
 use crate::failure::Failure;
 use crate::output;
 use control_core::Settings;
@@ -20,7 +20,7 @@ use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
 use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
-use wire::InputSource;
+use wire::{InputSource, Parameters};
 
 /// Fewest rows that a log has, and the most: an hour at 20 kHz.
 const ROWS: std::ops::RangeInclusive<usize> = 16..=72_000_000;
@@ -40,11 +40,13 @@ struct Plan {
     settings: Vec<Settings>,
     controllers: Vec<(String, Vec<u8>)>,
     reference_files: Vec<(String, Vec<u8>)>,
+    /// What the board is set to, as soon as it was asked.
+    own: Option<Parameters>,
 }
 
 /// Runs it.
 pub fn record(call: &RecordCall) -> Result<(), Failure> {
-    let plan = plan(call)?;
+    let mut plan = plan(call)?;
     let model = call.plant.as_deref().map(Model::read).transpose()?;
     let plant_file = call.plant.as_deref().map(output::named).transpose()?;
     let image = call.at.image.as_deref().map(output::named).transpose()?;
@@ -57,11 +59,16 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let link = open(&call.at, model.as_ref(), call.rate, call.seed, call.anti_alias)?;
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
     let board = session.greet()?;
-    let warnings = check(call, &plan, &board, model.as_ref())?;
+    let mut warnings = check(call, &plan, &board, model.as_ref())?;
+    // What drives in open loop does so within the board's own limits, whatever controller ran before it.
+    plan.own = Some(session.parameters()?);
     // Whatever the board refuses, it refuses before there is a directory and before anything moves.
     let mut parameters = Vec::new();
     for (experiment, played) in plan.experiments.iter().zip(&plan.played) {
         let ready = prepare(call, &plan, &mut session, experiment.controller, played, call.clear_fault)?;
+        if call.at.board != Place::InProcess {
+            pins::check_stream::<_, RunError>(&mut session, &ready)?;
+        }
         parameters.push(ready.parameters);
     }
     let samples: Vec<usize> = plan.played.iter().map(|played| played.samples).collect();
@@ -101,6 +108,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let names: Vec<String> = recording.names().map(str::to_owned).collect();
     if outcomes.iter().all(|outcome| outcome.fault.is_none()) {
         recording.finish(session.statistics())?;
+        warnings.extend(plan.own.and_then(|own| put_back(&mut session, own)));
     }
     output::warn(&warnings);
     say(call, &board, &session.statistics().json(), &names, &outcomes, &samples);
@@ -116,6 +124,7 @@ fn plan(call: &RecordCall) -> Result<Plan, Failure> {
         settings: Vec::new(),
         controllers: Vec::new(),
         reference_files: Vec::new(),
+        own: None,
     };
     let mut stems = Vec::new();
     for path in &call.controller {
@@ -238,6 +247,7 @@ fn prepare<L: Link>(
     clear_fault: bool,
 ) -> Result<Ready, LockstepError<RunError>> {
     let task = Task {
+        own: plan.own,
         settings: controller.map(|index| &plan.settings[index]),
         rate_hz: call.rate,
         waveform: &played.waveform,

@@ -231,6 +231,32 @@ fn an_adc_that_is_late_by_one_deadline_is_counted_and_a_storm_is_a_fault() {
     assert!(board.status().unwrap().overruns >= 4);
 }
 
+/// Drives that go on being late hold the DAC where it is, whatever the ramp: ENABLE takes the amplifier off, and stays low until the fault is left.
+#[test]
+fn a_storm_that_does_not_end_takes_the_amplifier_off() {
+    let Some(mut board) = running() else { return };
+    board.machine.chip().adc[0].late_cycles = 1500;
+    board.run_samples(40).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Fault as u8, FaultCode::Overrun.number()));
+    {
+        let chip = board.machine.chip();
+        let last = *chip.rows.last().expect("samples");
+        assert!(last.dac > MID + 100 && !last.is_enabled && !chip.gpio[1].level(5), "{last:?}");
+        assert_eq!(chip.bench.drive_v(), 0.0);
+    }
+    assert!(board.ask(&ToBoard::ClearFault).is_err(), "the ramp has not ended");
+    // It goes on where it stood, with the amplifier off.
+    board.machine.chip().adc[0].late_cycles = 0;
+    board.machine.chip().rows.clear();
+    board.run_samples(SETTLED).unwrap();
+    assert!(board.machine.chip().rows.iter().all(|row| !row.is_enabled));
+    assert_eq!(board.machine.chip().output(), MID);
+    board.run_samples(4000).unwrap();
+    board.order(&ToBoard::ClearFault).unwrap();
+    run(&mut board);
+}
+
 /// An open loop at 80 V whose sensor says 0, so that no drive trips anything.
 fn open_loop() -> Option<VirtualBoard> {
     let mut board = board()?;

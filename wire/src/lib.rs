@@ -30,8 +30,8 @@
 //! # A conversation
 //!
 //! [`ToBoard::Hello`] is answered by [`ToHost::Identity`]; [`Identity::check`] says in words why a board can't be worked with.
-//! Every other request is answered by [`ToHost::Done`], by [`ToHost::Refused`] with the reason in words, or by what it asked for; the
-//! answer names the request's sequence number. [`ToHost::StreamBlock`] and [`ToHost::Fault`] come by themselves.
+//! Every other request is answered by [`ToHost::Done`], by [`ToHost::Refused`] with the reason in words, which name the
+//! request's sequence number, or by what it asked for. [`ToHost::StreamBlock`] and [`ToHost::Fault`] come by themselves.
 //! A frame of another version is answered by [`ToHost::Refused`] with sequence number 0; both sides then know each other's version,
 //! because it is the first byte of every frame.
 //!

@@ -37,7 +37,7 @@ pub enum ToBoard<'a> {
         /// Volts at the actuator.
         drive_v: f32,
     },
-    /// Forget the waveform and its table. Only while idle, as the next three.
+    /// Forget the waveform; samples of its table stay until they are written over. Only while idle, as the next three.
     WaveClear,
     /// One more segment at the waveform's end.
     WaveSegment(SegmentRecord),
@@ -95,7 +95,8 @@ pub enum ToHost<'a> {
         /// The request's sequence number.
         sequence: u16,
     },
-    /// The request with this number was not carried out; nothing has changed.
+    /// The request with this number was not carried out: the set in force, mode and outputs are as before. What is to be played may be gone, and a save
+    /// that failed has erased the older copy.
     Refused {
         /// The request's sequence number.
         sequence: u16,
@@ -154,7 +155,7 @@ pub enum ToHost<'a> {
     Fault {
         /// Number of [`control_core::FaultCode`].
         code: u8,
-        /// The sample it was seen in.
+        /// The sample it was seen in; for a link lost over the bridge that of an earlier fault, or 0.
         sample: u32,
     },
 }

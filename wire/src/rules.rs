@@ -53,7 +53,7 @@ impl fmt::Display for ChangeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             ChangeError::Parameters(error) => write!(f, "{error}"),
-            ChangeError::NotIdle => f.write_str("rate, calibration and guards change only while idle: stop first"),
+            ChangeError::NotIdle => f.write_str("rate, calibration and the board's own guards (rail, monitor, overruns, link) change only while idle: stop first"),
         }
     }
 }

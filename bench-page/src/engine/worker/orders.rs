@@ -318,7 +318,7 @@ impl Worker<'_> {
         }
         let line = match connect(&self.setting, false) {
             // What a board makes of a lost host is no news to whoever asks it back.
-            Err(LockstepError::InFault { fault }) if fault == FaultCode::LinkLoss.word().replace('_', " ") => {
+            Err(LockstepError::InFault { fault, .. }) if fault == FaultCode::LinkLoss.word().replace('_', " ") => {
                 connect(&self.setting, true)
             }
             connected => connected,
