@@ -63,6 +63,26 @@ fn the_thesis_protocol_with_both_controllers_is_one_directory_and_repeats_from_i
     }
 }
 
+/// A controller's limits are its loop's: what drives in open loop has the board's own, whichever ran before it.
+#[test]
+fn an_open_loop_has_the_boards_own_limits_beside_a_controller_of_narrow_ones() {
+    let folder = Folder::new("record-limits");
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let words = "--spec hold:60V@0.02s --spec step:20um@0.02s --controller @/narrow.toml";
+    succeeded(&run(&folder, &call(words, "run")));
+    let facts = parsed(&folder.read("run/run.json"));
+    let most_v = |index: usize| facts["experiments"][index]["parameters"]["drive_max_v"].as_f64();
+    assert_eq!((most_v(0), most_v(1)), (Some(90.0), Some(50.0)), "{}", facts["experiments"]);
+    let names: Vec<String> = std::fs::read_dir(folder.path("run"))
+        .expect("the run")
+        .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
+        .filter(|name| name.starts_with("01-") && name.ends_with(".csv"))
+        .collect();
+    let drive_v = column(&folder.read(&format!("run/{}", names[0])), "command_V");
+    assert!((drive_v[drive_v.len() - 1] - 60.0).abs() < 0.1, "{names:?}: {:?}", drive_v.last());
+}
+
 #[test]
 fn a_recorded_log_is_read_as_it_is() {
     let folder = Folder::new("record-read");
