@@ -2,10 +2,11 @@
 
 mod support;
 
+use control_core::{FaultCode, ModeName};
 use std::sync::atomic::Ordering;
 use support::{
-    Folder, PI1, PLANT, board_of_another_release, column, identity, image, impostor, json, root, run, served, spawned,
-    stderr, stdout, succeeded,
+    Folder, PI1, PLANT, column, fake_board, identity, image, impostor, json, root, run, served, spawned, stderr,
+    stdout, succeeded,
 };
 
 #[test]
@@ -202,7 +203,7 @@ fn a_board_that_ends_with_the_call_has_nothing_to_keep_and_nothing_to_stop() {
 #[test]
 fn a_board_of_another_release_is_stopped_and_then_told_as_such() {
     let folder = Folder::new("board-stop-other");
-    let (place, was_stopped) = board_of_another_release();
+    let (place, was_stopped) = fake_board("0.0.9 abc", ModeName::Running, 0);
     let output = run(&folder, &format!("board stop --board {place}"));
     assert_eq!((output.status.code(), stdout(&output).trim()), (Some(4), "stopped, at 0 V"), "{}", stderr(&output));
     assert!(stderr(&output).contains("the board runs firmware 0.0.9 abc") && was_stopped.load(Ordering::Relaxed));
@@ -210,6 +211,26 @@ fn a_board_of_another_release_is_stopped_and_then_told_as_such() {
     let output =
         run(&folder, &format!("board stop --board {} --patience-ms 50", impostor(Some(identity("0.0.9 abc")))));
     assert_eq!((output.status.code(), stdout(&output).as_str()), (Some(4), ""), "{}", stderr(&output));
+}
+
+/// With its image's numbers, the sensor's too, a board knows no displacement of its bench; without its crystal no time.
+#[test]
+fn a_board_without_its_own_numbers_or_clock_is_not_waved_through() {
+    let folder = Folder::new("board-lost");
+    let ours = concat!(env!("CARGO_PKG_VERSION"), " abc");
+    for (fault, words) in [
+        (FaultCode::ParameterStore, "`hysteron board parameters --clear-fault --set .. --save`"),
+        (FaultCode::Clock, "mend it, then reset the board"),
+    ] {
+        let refused = |line: &str| {
+            let (place, _) = fake_board(ours, ModeName::Fault, fault.number());
+            let output = run(&folder, &line.replace("AT", &format!("--board {place} --clear-fault --patience-ms 200")));
+            assert_eq!(output.status.code(), Some(4), "{line}: {}", stderr(&output));
+            assert!(stderr(&output).contains(words), "{line}: {}", stderr(&output));
+        };
+        refused("board stop AT");
+        refused("hil AT --probe-link");
+    }
 }
 
 #[test]

@@ -221,8 +221,8 @@ pub fn frame(sender: &mut wire::Sender, message: &wire::ToHost<'_>) -> Vec<u8> {
     bytes[..n].to_vec()
 }
 
-/// A board of firmware 0.0.9 that runs until it is told to stop, and whether it was.
-pub fn board_of_another_release() -> (String, Arc<AtomicBool>) {
+/// A board that says no more than who and how it is, until it is told to stop, and whether it was.
+pub fn fake_board(firmware: &'static str, mode: ModeName, fault: u8) -> (String, Arc<AtomicBool>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
     let was_stopped = Arc::new(AtomicBool::new(false));
@@ -235,11 +235,10 @@ pub fn board_of_another_release() -> (String, Arc<AtomicBool>) {
             for byte in &bytes[..n] {
                 let Some(Ok(heard)) = receiver.push(*byte) else { continue };
                 let answer = match heard.message::<wire::ToBoard<'_>>() {
-                    Ok(wire::ToBoard::Hello) => identity("0.0.9 abc"),
+                    Ok(wire::ToBoard::Hello) => identity(firmware),
                     Ok(wire::ToBoard::KeepAlive) => {
-                        let is_idle = is_stopped.load(Ordering::Relaxed);
-                        let mode = if is_idle { ModeName::Idle } else { ModeName::Running };
-                        frame(&mut sender, &wire::ToHost::Status(status(mode)))
+                        let mode = if is_stopped.load(Ordering::Relaxed) { ModeName::Idle } else { mode };
+                        frame(&mut sender, &wire::ToHost::Status(status(mode, fault)))
                     }
                     Ok(wire::ToBoard::Stop) => {
                         is_stopped.store(true, Ordering::Relaxed);
@@ -257,10 +256,10 @@ pub fn board_of_another_release() -> (String, Arc<AtomicBool>) {
 }
 
 /// How a board in this mode is that drives its own pins.
-fn status(mode: ModeName) -> wire::Status {
+fn status(mode: ModeName, fault: u8) -> wire::Status {
     wire::Status {
         mode: mode as u8,
-        fault: 0,
+        fault,
         reset: wire::ResetCause::PowerOn,
         input: wire::InputSource::Analog,
         samples: 7,
