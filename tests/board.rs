@@ -204,7 +204,7 @@ fn a_board_that_ends_with_the_call_has_nothing_to_keep_and_nothing_to_stop() {
 fn a_board_of_another_release_is_stopped_and_then_told_as_such() {
     let folder = Folder::new("board-stop-other");
     let (place, was_stopped) = fake_board("0.0.9 abc", ModeName::Running, 0);
-    let output = run(&folder, &format!("board stop --board {place}"));
+    let output = run(&folder, &format!("board stop --board {place} --patience-ms 100"));
     assert_eq!((output.status.code(), stdout(&output).trim()), (Some(4), "stopped, at 0 V"), "{}", stderr(&output));
     assert!(stderr(&output).contains("the board runs firmware 0.0.9 abc") && was_stopped.load(Ordering::Relaxed));
     // Of one that says nothing of how it is nothing is claimed.
