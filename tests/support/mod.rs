@@ -240,6 +240,9 @@ pub fn fake_board(firmware: &'static str, mode: ModeName, fault: u8) -> (String,
                         let mode = if is_stopped.load(Ordering::Relaxed) { ModeName::Idle } else { mode };
                         frame(&mut sender, &wire::ToHost::Status(status(mode, fault)))
                     }
+                    Ok(wire::ToBoard::GetParameters) => {
+                        frame(&mut sender, &wire::ToHost::Parameters(wire::Parameters::NUCLEO_PI1))
+                    }
                     Ok(wire::ToBoard::Stop) => {
                         is_stopped.store(true, Ordering::Relaxed);
                         frame(&mut sender, &wire::ToHost::Done { sequence: heard.sequence })
