@@ -151,6 +151,10 @@ fn plants_that_are_none() {
         "@/bad.toml, line 26: invalid type: string \"24579.0\", expected f64",
     );
     bench.bad_plant(
+        ("{ value = 24579.0, sigma = 0.02, source = \"thesis, Table 2.1; sigma assumed\" }", "24579.0"),
+        "@/bad.toml, line 26: invalid type: floating point `24579.0`, expected a record, as in `{ value = 1.0, source = \"data sheet\" }`",
+    );
+    bench.bad_plant(
         ("value = 1.0148e-3", "value = -1.0148e-3"),
         "@/bad.toml: structure.mass_kg is -0.0010148: it must be positive",
     );

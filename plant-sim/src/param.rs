@@ -11,7 +11,7 @@ pub const ASSUMED_MASS_SIGMA: f64 = 0.005;
 
 /// One number of a model file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a record, as in `{ value = 1.0, source = \"data sheet\" }`")]
 pub struct Param {
     /// The number, in the unit that its key names.
     pub value: f64,
