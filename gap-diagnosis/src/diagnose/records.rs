@@ -22,6 +22,8 @@ const OFF_LATTICE: f64 = 0.02;
 pub(super) const ROUGH: f64 = 1.2;
 /// A monitor's own error in shares of its span: no divider is better calibrated than that.
 const MONITOR_ACCURACY: f64 = 2e-3;
+/// Steps of a monitor's converter are finer than this share of its span.
+const FINEST_LADDER: f64 = 1.0 / 64.0;
 /// The stated noise is believed if it is above what differences show by no more than this many of its sigma.
 const STATED_SIGMAS: f64 = 3.0;
 /// Rows that a reading must not repeat by chance, beyond so many times what chance makes.
@@ -57,7 +59,9 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
         held_stretch: Some(((log.len() - run_in) / STRETCHES).max(16)),
         monitor_v: log.drive_v.as_ref().map(|drive_v| {
             let [low, high] = extremes(drive_v.iter().copied());
-            let rounding_v = lattice(drive_v).unwrap_or(0.0) / 12f64.sqrt();
+            // Coarser is no converter: a ladder's own steps.
+            let step_v = lattice(drive_v).filter(|step_v| *step_v < FINEST_LADDER * (high - low));
+            let rounding_v = step_v.unwrap_or(0.0) / 12f64.sqrt();
             noise_rms(drive_v).max(rounding_v).max(MONITOR_ACCURACY * (high - low)).max(1e-9)
         }),
     }
