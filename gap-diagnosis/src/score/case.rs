@@ -199,7 +199,7 @@ impl Answer {
         self.ranking.iter().filter(|r| r.effect == name).map(|r| r.probability).sum()
     }
 
-    /// The `count` most probable entries.
+    /// The `count` most probable answers, `unknown` and `no_gap` among them.
     pub fn first(&self, count: usize) -> impl Iterator<Item = &str> {
         self.ranking.iter().take(count).map(|r| r.effect.as_str())
     }

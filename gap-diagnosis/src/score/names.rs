@@ -19,7 +19,7 @@ pub struct Names {
     pub top1: Rate,
     /// The leading name is the truth itself.
     pub strict_top1: Rate,
-    /// The truth is right by the class rule among the leading name and the three most probable entries.
+    /// The truth is right by the class rule among the leading name and the three most probable answers, `unknown` and `no_gap` among them.
     pub top3: Rate,
     /// The stage is right, or the name by the class rule.
     pub stage: Rate,
