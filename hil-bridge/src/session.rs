@@ -341,10 +341,15 @@ impl<L: Link> Session<L> {
     }
 }
 
+/// Whether firmware that says so of its version and commit is of this release.
+pub fn is_ours(firmware: &str) -> bool {
+    firmware.split(' ').next() == Some(OURS)
+}
+
 /// Whether a board that says so can be worked with.
 fn check(identity: &Identity<'_>) -> Result<(), SessionError> {
     identity.check()?;
-    if identity.firmware.split(' ').next() != Some(OURS) {
+    if !is_ours(identity.firmware) {
         return Err(SessionError::Firmware { theirs: identity.firmware.to_owned() });
     }
     Ok(())

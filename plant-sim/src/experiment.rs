@@ -38,12 +38,11 @@ impl Program {
     /// A part that can't be played at this rate.
     pub fn new(spec: &Spec, rate_hz: f64) -> Result<Self, SpecError> {
         let mut parts = Vec::new();
-        for part in spec.parts.iter().flat_map(Part::generated) {
+        for mut part in spec.parts.iter().flat_map(Part::generated) {
             let mut tables =
                 spec::table(&part.shape, rate_hz).map_err(|reason| fail(&part, reason))?.unwrap_or_default();
             tables.iter_mut().flatten().for_each(|sample| *sample = (f64::from(*sample) * part.amplitude) as f32);
             // A file is as long as its samples.
-            let mut part = part;
             if let (None, Shape::File { .. }, [table]) = (part.seconds, &part.shape, tables.as_slice()) {
                 part.seconds = Some(table.len() as f64 / rate_hz);
             }

@@ -5,6 +5,7 @@ use crate::commands::link::in_fault;
 use crate::failure::Failure;
 use crate::output;
 use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
+use hil_bridge::session::is_ours;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::{Program, sampled_loop};
 use plant_sim::log::{Column, Meta, Writer};
@@ -81,7 +82,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let report = run(&image, &experiment, &|done| bar.set_position(done))
         .map_err(|error| Failure::hardware(format!("virtual board: {error}")))?;
     bar.finish_and_clear();
-    if report.firmware.split(' ').next() != Some(env!("CARGO_PKG_VERSION")) {
+    if !is_ours(&report.firmware) {
         let ours = env!("CARGO_PKG_VERSION");
         warnings.push(format!(
             "the image is of firmware {}, this program is {ours}: hil and record take only one of this release (cargo xtask firmware)",
