@@ -13,7 +13,7 @@ use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, siz
 use super::refit::{has_gap, led_without_one, refitted};
 use super::screen::Lead;
 use super::search::Search;
-use super::verdict::{Class, Ranked, Verdict, leading, named, probability, ranking, set90};
+use super::verdict::{Class, Ranked, Verdict, hidden_gains, leading, named, probability, ranking, set90};
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
 use crate::locate::{StagePart, Trace, Where, locate, strongest};
@@ -236,7 +236,7 @@ pub(super) fn answer(
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
-    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref());
+    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden_gains(bench, &without));
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
 
