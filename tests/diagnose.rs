@@ -227,6 +227,19 @@ fn a_wrong_number_is_named_beside_jitter() {
     are_named("jitter", &case, ["parameter_error", "sampling_jitter"]);
 }
 
+/// Lags fit alike here, and with all of them one dead zone is ten sigma off: with none of them it may go unnamed.
+#[test]
+fn a_wrong_number_is_named_beside_whichever_lag_fits() {
+    let subject = Subject::Effects(vec![EffectId::ParameterError, EffectId::SensorBandwidth]);
+    let found = diagnosis_of_calibrate("diagnose-number-lag", 7_759_091_638_248_208_189, subject);
+    let names = list(&found["effects"]);
+    assert!(names.len() == 2 && names.contains(&"parameter_error"), "{names:?} {}", found["ranking"]);
+    let lag = names.iter().find(|name| **name != "parameter_error").expect("a lag");
+    let is_of_both = |class: &Value| list(class).contains(lag) && list(class).contains(&"sensor_bandwidth");
+    let classes = found["classes"].as_array().expect("classes");
+    assert!(*lag == "sensor_bandwidth" || classes.iter().any(is_of_both), "{names:?} {classes:?}");
+}
+
 #[test]
 fn a_bench_as_nominal_has_no_gap() {
     let folder = Folder::new("diagnose-null");

@@ -267,6 +267,12 @@ impl Hypothesis {
     pub fn ids(&self) -> Vec<&'static str> {
         self.installed.iter().map(|i| i.effect.id()).collect()
     }
+
+    /// Whether its effects are those of `other`, in whatever order.
+    pub fn has_effects_of(&self, other: &Self) -> bool {
+        let (own, theirs) = (self.ids(), other.ids());
+        own.len() == theirs.len() && own.iter().all(|id| theirs.contains(id))
+    }
 }
 
 /// A coordinate's place in the world: prior, bounds, largest step.

@@ -22,6 +22,8 @@ const FREED_OF_ALL: f64 = 25.0;
 const MUCH_LARGER: f64 = 8.0;
 /// .. and by so many times where it pays for six sigma only.
 const FAR_LARGER: f64 = 30.0;
+/// Beside a fit that leaves more than the noise a direction is believed that leaves less than this of what the shifts cost.
+const PAYS_ALONE: f64 = 0.2;
 /// Entries that shift the displacement as a whole.
 const OFFSETS: [&str; 2] = ["sensor_offset", "asymmetric_hysteresis"];
 /// A fit that leaves more than this says nothing of a direction.
@@ -83,6 +85,11 @@ impl Directions {
     }
 }
 
+/// Whether a direction makes numbers ordinary that were far from it, and pays for nearly all that they were off by: a wrong form bends several.
+pub(super) fn pays_alone(freed: &Freed) -> bool {
+    freed.gain() > FREED_BESIDES && freed.cost < BENT_COST.min(PAYS_ALONE * freed.cost_without)
+}
+
 /// Whether a direction moves readings by so much more than what `fit` leaves that nothing left could have bent it.
 pub(super) fn is_large(bench: &Bench<'_>, freed: &Freed, fit: &Candidate) -> bool {
     let larger = moved_m(bench, freed) / fit.found.rms_m().max(f64::MIN_POSITIVE);
@@ -100,5 +107,32 @@ fn moved_m(bench: &Bench<'_>, freed: &Freed) -> f64 {
         effect if OFFSETS.contains(&effect) => freed.value.abs(),
         "sensor_gain" | "amplifier_gain" => freed.value.abs() * reading_m(),
         _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_number_that_has_gone_far_alone_is_believed() {
+        let freed = |cost: f64, cost_without: f64| Freed {
+            effect: "parameter_error",
+            quantity: None,
+            along: 0.1,
+            sigma: 1e-3,
+            value: 0.1,
+            value_sigma: 1e-3,
+            cost,
+            cost_without,
+            rarer: 0.0,
+        };
+        assert!(pays_alone(&freed(10.0, 93.0)));
+        // Not one that costs little, one beside others that have gone as far, nor one that leaves numbers which are none.
+        assert!(
+            [(5.0, 64.0), (25.0, 110.0), (35.0, 400.0)]
+                .iter()
+                .all(|(cost, without)| !pays_alone(&freed(*cost, *without)))
+        );
     }
 }

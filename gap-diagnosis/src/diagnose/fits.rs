@@ -50,9 +50,10 @@ const PROMISING: f64 = 0.3;
 pub(super) const PAIR_BEYOND: f64 = 0.08;
 /// A single explanation that leaves more than this, in units of the noise's power, invites a second effect: less is a matter of its form.
 const NEAR_NOISE: f64 = 1.12;
-/// .. and so does the next best, if it leaves less than this many times as much, ..
+/// .. and so do so many of the next best, if they leave less than this many times as much: the best may have many numbers, and imitate two effects.
+const FIRSTS: usize = 2;
 const AS_GOOD: f64 = 1.5;
-/// .. unless the best leaves more than this: where either effect alone takes less than half, it doesn't matter which of them is first.
+/// A fit that leaves more than this takes less than half of the gap.
 const HALF: f64 = 0.5;
 /// No second effect stands beside a fit that leaves this much: the stronger of two takes half of the power, which leaves 0.71 of the gap.
 const HARDLY_HALF: f64 = 0.75;
@@ -158,8 +159,7 @@ impl Fits<'_> {
     fn pairs(&self, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
         let is_as_good = |fit: &Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
-        let most = if self.left(&singles[0]) > HALF { 1 } else { 2 };
-        let known = &singles[..most.min(singles.len())];
+        let known = &singles[..singles.len().min(FIRSTS)];
         let best = known.iter().filter(|fit| is_as_good(fit)).cloned();
         // One by one: the first pair that is found ends the search.
         let plain = self.plain(leads, known).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
@@ -167,7 +167,8 @@ impl Fits<'_> {
             (self.say)("looking for a second effect", 0.6 + 0.07 * number as f64);
             let beside = self.beside(&first, singles, leads);
             let is_found = beside.first().is_some_and(|pair| self.is_found(pair));
-            pairs.extend(beside);
+            // Either effect of a pair may have been the first.
+            beside.into_iter().for_each(|pair| keep_better(&mut pairs, pair));
             if is_found {
                 break;
             }
@@ -653,7 +654,7 @@ fn better(one: Candidate, other: Candidate) -> Candidate {
 
 /// Puts `fit` among `fits`, in the place of one of the same effects if it leaves less.
 fn keep_better(fits: &mut Vec<Candidate>, fit: Candidate) {
-    match fits.iter_mut().find(|known| known.hypothesis.ids() == fit.hypothesis.ids()) {
+    match fits.iter_mut().find(|known| known.hypothesis.has_effects_of(&fit.hypothesis)) {
         Some(known) if fit.chi < known.chi => *known = fit,
         Some(_) => {}
         None => fits.push(fit),

@@ -1,12 +1,12 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
 use super::bench::{Freedom, Hypothesis};
-use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large};
+use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large, pays_alone};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
-use super::octaves::{Octave, left_of_worst_octave, octaves_of};
+use super::octaves::{Octave, left_of_worst_octave, octaves_of, widened};
 use super::refit::{
     AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, is_bent, led_without_one, nominal, refitted,
 };
@@ -328,7 +328,8 @@ impl<'a> Judge<'a> {
     /// Fraction of the gap that `fit` leaves in the log or octave where it leaves most, `scatter_m2` of each log being explained.
     fn left_of_worst(&self, fit: &Candidate, octaves: &[Octave], scatter_m2: &[f64]) -> f64 {
         let of_octave = left_of_worst_octave(self.search.bench, &self.octaves, octaves, scatter_m2);
-        left_of_worst_log(self.search, fit, self.refit, scatter_m2).max(of_octave)
+        let of_logs_m2 = widened(scatter_m2, octaves);
+        left_of_worst_log(self.search, fit, self.refit, &of_logs_m2).max(of_octave)
     }
 
     fn by_scatter(&self, scattered: &Scattered, fit: &Candidate) -> Vec<Explanation> {
@@ -400,12 +401,7 @@ impl<'a> Judge<'a> {
             pay_for_shifts(explanations, is_alone);
             explanations.extend(well.into_iter().map(|explanation| explanation.along(first, rest)));
         }
-        // Beside the best single fit one direction may be enough where the best fit of all takes two effects.
-        let singles = self.fits.iter().filter(|fit| fit.hypothesis.installed.len() == 1);
-        let single = singles.min_by(|a, b| a.chi.total_cmp(&b.chi));
-        let single =
-            single.filter(|single| self.best.is_some_and(|best| best.hypothesis.ids() != single.hypothesis.ids()));
-        for fit in self.best.into_iter().chain(single).filter(|fit| self.left(fit) < MOSTLY) {
+        for fit in self.with_directions() {
             self.by_directions_beside(fit, &directions, explanations);
         }
         let alone = bent(self.refit, self.floor);
@@ -421,27 +417,56 @@ impl<'a> Judge<'a> {
         explanations.extend(by_symmetry(directions.pairs, self.refit, rest, alone, self.without, 0.0));
     }
 
+    /// Fits beside which a direction may be what is wrong besides: the best one, the best single one, as one direction may be enough where the best of all
+    /// takes two effects, and all whose numbers are far off: where one of them pays for that, the others do.
+    fn with_directions(&self) -> Vec<&'a Candidate> {
+        let singles = self.fits.iter().filter(|fit| fit.hypothesis.installed.len() == 1);
+        let single = singles.min_by(|a, b| a.chi.total_cmp(&b.chi));
+        let bent = self.fits.iter().filter(|fit| fit.found.prior_cost > FREED_AT_NOISE);
+        let mut all: Vec<&Candidate> = Vec::new();
+        for fit in self.best.into_iter().chain(single).chain(bent).filter(|fit| self.left(fit) < MOSTLY) {
+            if all.iter().all(|known| !known.hypothesis.has_effects_of(&fit.hypothesis)) {
+                all.push(fit);
+            }
+        }
+        all
+    }
+
     /// What the nominal numbers imitate leaves a fit as it is. A wrong form bends the nominal numbers as well; only a fit at the noise can be
-    /// believed about them, or one of which the refit knew the direction before.
+    /// believed about them, or one of which the refit knew the direction before, or where one number has gone far and all others have not.
     fn by_directions_beside(&self, fit: &Candidate, directions: &Directions, explanations: &mut Vec<Explanation>) {
         let left = self.left(fit);
+        let mut freed = freed(self.search, fit);
+        freed.retain(|freed| !self.without.contains(&freed.effect));
         let (mut known, others): (Vec<Freed>, Vec<Freed>) =
-            freed(self.search, fit).into_iter().partition(|freed| directions.are_sure_of(freed.effect));
+            freed.into_iter().partition(|freed| directions.are_sure_of(freed.effect));
         known.retain(|freed| freed.gain() > FREED_AT_NOISE);
         let is_ordinary = |freed: &Freed| fit.chi < AT_NOISE && freed.cost < BENT_COST;
         let is_believed = |freed: &Freed| freed.gain() > FREED_BESIDES || is_ordinary(freed);
         let is_known = |freed: &Freed| left < FOUND && is_believed(freed) || is_large(self.search.bench, freed, fit);
-        let others: Vec<Freed> = others.into_iter().filter(is_known).collect();
-        if !known.is_empty() || others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE) {
-            pay_for_shifts(explanations, |e| e.freed.is_empty() && e.judged.ids == fit.hypothesis.ids());
+        let (others, doubtful): (Vec<Freed>, Vec<Freed>) = others.into_iter().partition(is_known);
+        let alone: Vec<Freed> = doubtful.into_iter().filter(pays_alone).collect();
+        let pays = !known.is_empty()
+            || !alone.is_empty()
+            || others.iter().any(|freed| is_ordinary(freed) && freed.gain() > FREED_AT_NOISE);
+        if pays {
+            let is_bent = |e: &Explanation| e.freed.is_empty() && e.judged.prior_cost > BENT_COST;
+            let is_of = |e: &Explanation| e.candidate.hypothesis.has_effects_of(&fit.hypothesis) && e.scatter.is_none();
+            pay_for_shifts(explanations, |e| is_bent(e) && is_of(e));
         }
-        // What is none of the registry's beside a sure direction leaves that direction alone.
-        let doubted = self.by_fit(fit).judged.doubt();
         let (rest, floor) = (directions.rest, self.floor);
         let mut beside = by_symmetry(known, fit, left * rest, floor * rest, self.without, 0.0);
-        beside.iter_mut().for_each(|explanation| explanation.doubted = doubted);
+        let mut alone = by_symmetry(alone, fit, left, bent(fit, floor), self.without, FREED_BESIDES);
+        if !beside.is_empty() || !alone.is_empty() {
+            let judged = self.by_fit(fit).judged;
+            // What is none of the registry's beside a sure direction leaves that direction alone.
+            beside.iter_mut().for_each(|explanation| explanation.doubted = judged.doubt());
+            // One number that has gone far makes up for no log or octave that the fit misses.
+            alone.iter_mut().for_each(|explanation| explanation.judged.of_worst = judged.of_worst);
+        }
         explanations.extend(beside);
         explanations.extend(by_symmetry(others, fit, left, bent(fit, floor), self.without, FREED_AT_NOISE));
+        explanations.extend(alone);
     }
 }
 

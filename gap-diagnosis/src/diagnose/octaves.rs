@@ -1,10 +1,9 @@
 //! Whether a residual is noise, told by the power of its octaves: noise of a sensor has the same in every log, whatever the plant does, and it
-//! falls smoothly with frequency, as `a + b / f^n` (`a`: white, `b / f`: flicker). What a wrong model leaves does neither. And which octave of a gap
-//! a fit misses most.
+//! falls smoothly with frequency, as `a + b / f^n` (`a`: white, `b / f`: flicker), or is flat below some frequency and falls so beyond it, as behind a
+//! sensor's own filter. What a wrong model leaves does neither. And which octave of a gap a fit misses most.
 
 use super::bench::{Bench, Record};
 use super::search::{Remainder, middle};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Least number of pairs of stretches from which an octave's power is read.
@@ -13,13 +12,18 @@ const LEAST_PAIRS: usize = 8;
 const TOLERANCE: f64 = 0.15;
 /// Sigmas that the power of an octave may be off by.
 const SIGMAS: f64 = 2.0;
-/// Steepest fall: beyond it is a drift, whose steps add up.
+/// Steepest fall: beyond it is a drift, whose steps add up. It may be steeper where so many octaves are flat, as behind a filter of second order.
 const STEEPEST: f64 = 1.6;
+const FLAT: usize = 3;
+const STEEPEST_TO_FLAT: f64 = 2.4;
 /// Falls that are tried, and shares of the slowest octave's power that white noise makes, each smaller by this factor.
 const FALLS: usize = 17;
 const WHITE_SHARES: i32 = 40;
 const SMALLER: f64 = 0.75;
 
+/// The relative spread of an octave's power that is taken for noise's, where rows hit now and then make it large, is no more than this: a miss in one
+/// place makes it large as well.
+const WIDEST: f64 = 0.25;
 /// An octave counts by itself if its part of the gap, and what is left of it, are more than these shares of one log's noise.
 const GAP_OF_OCTAVE: f64 = 0.3;
 const LEFT_OF_OCTAVE: f64 = 0.08;
@@ -34,10 +38,12 @@ pub(super) struct Octave {
     level: i32,
     /// Octaves by which the log's rows lie farther apart than a millisecond.
     spacing: f64,
-    /// Number of such pairs.
+    /// Number of such pairs side by side: what the octave is worth in a likelihood. Pairs at every row tell its power up to three times better.
     pairs: f64,
     /// Mean square, scaled so that white noise has its variance in each octave, metres squared.
     power_m2: f64,
+    /// Relative sigma of that, if only pairs side by side are independent.
+    sigma: f64,
 }
 
 impl Octave {
@@ -73,6 +79,12 @@ pub(super) fn shown(before: &[Octave], after: &[Octave]) -> f64 {
     both.map(|(before, after)| 0.5 * before.pairs * (before.power_m2 / after.power_m2).ln()).sum()
 }
 
+/// What scatters in each log, and what it may have more of it in one log than in another, as its fastest octave tells.
+pub(super) fn widened(scatter_m2: &[f64], octaves: &[Octave]) -> Vec<f64> {
+    let sigma = |log: usize| octaves.iter().find(|octave| octave.log == log).map_or(0.0, |octave| octave.sigma);
+    scatter_m2.iter().enumerate().map(|(log, m2)| m2 * (1.0 + SIGMAS * sigma(log).min(WIDEST))).collect()
+}
+
 /// The residual after the run-in, none in lost rows.
 fn without_lost(record: &Record<'_>, left: &Remainder) -> Vec<f64> {
     let residual = |k: usize| if record.has_lost(k) { 0.0 } else { left.residual_m[k] };
@@ -95,7 +107,10 @@ pub(super) fn left_of_worst_octave(bench: &Bench<'_>, before: &[Octave], after: 
         let record = &bench.records[before.log];
         let own_m2 = record.noise_m.powi(2);
         let noise_m2 = own_m2.max(middle_m2[&octave_of(after)]);
-        let explained_m2 = noise_m2.max(own_m2 + scatter_m2.get(after.log).copied().unwrap_or_default());
+        let scatter_m2 = scatter_m2.get(after.log).copied().unwrap_or_default();
+        // What scatters has more or less power in each octave: rows hit now and then much more.
+        let scatter_m2 = scatter_m2 * (1.0 + SIGMAS * after.sigma.min(WIDEST));
+        let explained_m2 = noise_m2.max(own_m2 + scatter_m2);
         // In shares of the noise's power in all octaves.
         let share = |power_m2: f64| before.pairs * power_m2 / ((record.log.len() - record.run_in) as f64 * own_m2);
         let [gap, left] = sums.entry(octave_of(before)).or_default();
@@ -126,41 +141,62 @@ pub(super) fn beyond_any_noise(bench: &Bench<'_>, remainders: &[Remainder]) -> [
     [share(beyond.iter().sum(), excess.iter().sum()), worst.fold(0.0, f64::max)]
 }
 
-/// Powers of a log's octaves, fastest first: mean squares of its Haar wavelets.
+/// Powers of a log's octaves, fastest first: mean squares of its Haar wavelets at every row, as steps need not begin where a stretch does, with the
+/// log mirrored at its ends, as starts die out there (Percival & Walden 2000, chapter 5).
 fn octaves(log: usize, residual_m: &[f64], dt_s: f64) -> Vec<Octave> {
     let spacing = (1e3 * dt_s).log2();
-    let mut sums = Cow::Borrowed(residual_m);
+    let rows = residual_m.len();
+    // Wavelets see no constant; without it nothing is left of one but zeros.
+    let mirrored = rows / (2 * LEAST_PAIRS);
+    let (before, after) = (residual_m.iter().take(mirrored).rev(), residual_m.iter().rev().take(mirrored));
+    let mut sums = vec![0.0];
+    sums.reserve(rows + 2 * mirrored);
+    let mut sum = 0.0;
+    sums.extend(before.chain(residual_m).chain(after).map(|value_m| {
+        sum += value_m - residual_m[0];
+        sum
+    }));
     let mut octaves = Vec::new();
     for level in 0.. {
-        let pairs = sums.len() / 2;
+        let width = 1usize << level;
+        let pairs = rows / (2 * width);
         if pairs < LEAST_PAIRS {
             break;
         }
-        let scale = 0.5 / f64::from(1u32 << level);
-        let power_m2 = sums.chunks_exact(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() * scale / pairs as f64;
-        octaves.push(Octave { log, level, spacing, pairs: pairs as f64, power_m2 });
-        sums = sums.chunks_exact(2).map(|pair| pair[0] + pair[1]).collect();
+        let pairs = pairs as f64;
+        let square = |k: usize| (sums[k + width] - 2.0 * sums[k] + sums[k - width]).powi(2);
+        let squares = || (mirrored..=mirrored + rows).map(square);
+        let mean = squares().sum::<f64>() / (rows + 1) as f64;
+        let variance = squares().map(|square| (square - mean).powi(2)).sum::<f64>() / (rows + 1) as f64;
+        let sigma = if mean > 0.0 { (variance / pairs).sqrt() / mean } else { 0.0 };
+        octaves.push(Octave { log, level, spacing, pairs, power_m2: mean * 0.5 / width as f64, sigma });
     }
     octaves
 }
 
 /// Power in an octave of the noise that fits best: white, which has the same in every row, and a part that grows by 2^n with every octave towards slow
-/// ones and has a density of its own, of which rows farther apart hold as much less. None without octaves.
+/// ones, or up to one of them, and has a density of its own, of which rows farther apart hold as much less. None without octaves.
 fn smooth(octaves: &[Octave]) -> Option<impl Fn(&Octave) -> f64 + use<>> {
     let place = |octave: &Octave| f64::from(octave.level) + octave.spacing;
     let slowest = octaves.iter().map(place).reduce(f64::max)?;
     let closest = octaves.iter().map(|octave| octave.spacing).fold(f64::INFINITY, f64::min);
-    let shape = move |fall: f64, white: f64, octave: &Octave| {
-        white + (1.0 - white) * (fall * (place(octave) - slowest) - (octave.spacing - closest)).exp2()
+    // Slower ones than the octave `flat` have no more power than that.
+    let shape = move |flat: f64, fall: f64, white: f64, octave: &Octave| {
+        white + (1.0 - white) * (fall * (place(octave) - flat).min(0.0) - (octave.spacing - closest)).exp2()
     };
-    let mut best = (f64::INFINITY, 0.0, 1.0, 1.0);
-    for step in 0..FALLS {
-        let fall = STEEPEST * step as f64 / (FALLS - 1) as f64;
+    let mut best = (f64::INFINITY, 0.0, 0.0, 1.0, 1.0);
+    let octaves_up = (slowest - closest).max(0.0) as usize;
+    let falls = |up: usize| {
+        let steepest = if up < FLAT { STEEPEST } else { STEEPEST_TO_FLAT };
+        (0..FALLS).map(move |step| steepest * step as f64 / (FALLS - 1) as f64)
+    };
+    let bends = (0..=octaves_up).flat_map(|up| falls(up).map(move |fall| (slowest - up as f64, fall)));
+    for (flat, fall) in bends {
         for share in 0..WHITE_SHARES {
             let white = SMALLER.powi(share);
             let logs = || {
                 octaves.iter().filter(|octave| octave.power_m2 > 0.0).map(|octave| {
-                    let ratio = octave.power_m2 / shape(fall, white, octave);
+                    let ratio = octave.power_m2 / shape(flat, fall, white, octave);
                     // The logarithm of a mean square of few squares comes out below that of its expectation.
                     (ratio.ln() + 1.0 / octave.pairs, octave.spread().powi(-2))
                 })
@@ -169,12 +205,12 @@ fn smooth(octaves: &[Octave]) -> Option<impl Fn(&Octave) -> f64 + use<>> {
             let mean = logs().map(|(log, weight)| weight * log).sum::<f64>() / weights;
             let misfit: f64 = logs().map(|(log, weight)| weight * (log - mean).powi(2)).sum();
             if misfit < best.0 {
-                best = (misfit, fall, white, mean.exp());
+                best = (misfit, flat, fall, white, mean.exp());
             }
         }
     }
-    let (misfit, fall, white, size) = best;
-    misfit.is_finite().then_some(move |octave: &Octave| size * shape(fall, white, octave))
+    let (misfit, flat, fall, white, size) = best;
+    misfit.is_finite().then_some(move |octave: &Octave| size * shape(flat, fall, white, octave))
 }
 
 #[cfg(test)]
@@ -300,6 +336,37 @@ mod tests {
         assert!(beside > 50.0 && blind < 0.1 * beside && nothing == 0.0, "{beside} {blind} {nothing}");
     }
 
+    /// Rows hit now and then scatter as they do: hits of one log are larger than another's.
+    #[test]
+    fn rows_hit_now_and_then_leave_nothing_of_what_scatters() {
+        let draws: Vec<Vec<f64>> = (7..10).map(white).collect();
+        let hit = |n: u64, k: usize| {
+            if (k as u64 * 7919 + n * 31).is_multiple_of(400) { 40.0 * draws[n as usize][k] } else { 0.0 }
+        };
+        let hits: Vec<Vec<f64>> = (0..3).map(|n| (0..ROWS).map(|k| hit(n, k)).collect()).collect();
+        let of = |n: u64, k: usize| hits[n as usize][k];
+        let mean2 = hits.iter().flatten().map(|hit| hit * hit).sum::<f64>() / (3 * ROWS) as f64;
+        let before = of_three(&|n, k| of(n, k) + 2e-8 * k as f64 * (1.6 * k as f64).sin() / 4e3, octaves_of);
+        let left = of_three(&of, |bench, remainders| {
+            left_of_worst_octave(bench, &before, &octaves_of(bench, remainders), &[mean2; 3])
+        });
+        assert!(left < 0.1, "{left}");
+    }
+
+    /// A converter that rests on one step leaves a constant, which has no power in any octave; a start that dies out has its own.
+    #[test]
+    fn a_constant_has_no_octaves_and_a_start_has() {
+        assert!(octaves(0, &[1.3e-7; 1000], 5e-5).iter().all(|octave| octave.power_m2 == 0.0));
+        assert!([0, 1, 15].map(|rows| octaves(0, &vec![1e-7; rows], 5e-5).len()) == [0; 3]);
+        let energy = |first: usize| {
+            let dies_out: Vec<f64> =
+                (0..ROWS).map(|k| if k < first { 0.0 } else { (-0.0125 * (k - first) as f64).exp() }).collect();
+            octaves(0, &dies_out, 5e-5).iter().map(|octave| octave.pairs * octave.power_m2).sum::<f64>() / 40.0
+        };
+        let (at_once, later) = (energy(0), energy(ROWS / 2));
+        assert!((0.6..1.0).contains(&at_once) && (0.8..1.0).contains(&later), "{at_once} {later}");
+    }
+
     #[test]
     fn flicker_is_noise_and_what_one_log_or_one_octave_has_is_not() {
         let slow: Vec<Vec<f64>> = (1..4).map(flicker).collect();
@@ -309,6 +376,24 @@ mod tests {
         let steep: Vec<Vec<f64>> = (1..4).map(|n| steeper(n, 0.5)).collect();
         let [all, worst] = of_three_every(&[1, 1, 4], &|n, k| steep[n as usize][k], beyond_any_noise);
         assert!(all < 0.02 && worst < 0.06, "{all} {worst}");
+        // A draw that stays for eight rows: flat in slow octaves, and ever less in fast ones.
+        let held: Vec<Vec<f64>> = (1..4).map(white).collect();
+        let [all, worst] = beyond(|n, k| 3.0 * held[n as usize][k / 8]);
+        assert!(all < 0.02 && worst < 0.06, "{all} {worst}");
+        // Behind a filter of second order.
+        let filtered: Vec<Vec<f64>> = (0..3)
+            .map(|n| {
+                let (mut once, mut twice) = (0.0, 0.0);
+                let step = |white: f64| {
+                    once += (white - once) / 8.0;
+                    twice += (once - twice) / 8.0;
+                    9.0 * twice
+                };
+                white(50 + n).into_iter().map(step).collect()
+            })
+            .collect();
+        let [all, worst] = beyond(|n, k| filtered[n as usize][k]);
+        assert!(all < 0.05 && worst < 0.1, "{all} {worst}");
         let [all, worst] = beyond(|n, k| if n == 1 { slow[1][k] } else { 0.0 });
         assert!(all > 0.3 && worst > 0.3, "{all} {worst}");
         let [all, _] = beyond(|_, k| 5e-8 * (0.1 * k as f64).sin());
