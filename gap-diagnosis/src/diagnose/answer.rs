@@ -13,6 +13,7 @@ use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, siz
 use super::refit::{has_gap, led_without_one, refitted};
 use super::screen::Lead;
 use super::search::Search;
+use super::starts::START_SHARE;
 use super::verdict::{Class, Ranked, Verdict, hidden_gains, leading, named, probability, ranking, set90};
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
@@ -211,8 +212,8 @@ pub(super) fn answer(
     }
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
-    let spread_m2 = found.spread_m2(benches);
-    let left = Left { with: left_with, spread_m2: &spread_m2, left_out_m2: found.left_out_m2.as_deref() };
+    let spread = found.spread(benches);
+    let left = Left { with: left_with, spread_m2: &spread.all_m2(), left_out_m2: found.left_out_m2.as_deref() };
     let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];
@@ -233,6 +234,14 @@ pub(super) fn answer(
             verdict = Verdict::Unknown;
             shares_of_nothing = [(1.0 - SURPRISED) * course.no_gap, course.unknown + SURPRISED * course.no_gap];
         }
+    }
+    for (log, open_m) in spread.open_starts(benches, &three.augmented) {
+        warnings.push(format!(
+            "{log}: its first {:.0} %, which tell where it starts, leave open what its hysterons hold; of what stays there some {:.2} um may be that: \
+             record some rest before the first motion, or state --initial relaxed if it was",
+            100.0 * START_SHARE,
+            1e6 * open_m
+        ));
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);

@@ -3,7 +3,7 @@
 use super::bench::{Bench, Freedom, Record};
 use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
-use super::plants::{self, Benches, Played, Variant, carry};
+use super::plants::{self, Benches, Played, Spread, Variant, carry};
 use super::random::Random;
 use super::refit::{come_home, has_gap, nominal};
 use super::search::{Candidate, Search};
@@ -147,10 +147,11 @@ impl Augmented {
         Self { variant, covariance, left_out_m2, weights, freed, random }
     }
 
-    /// Mean squares that the uncertainty of all shared numbers and of the starts makes on the held-out rows that are scored, one for each of independent
-    /// numbers of unit sigma, metres squared. A few undetermined ones make most of it.
-    pub fn spread_m2(&self, benches: &Benches<'_>) -> Vec<f64> {
-        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else { return Vec::new() };
+    /// What the uncertainty of all shared numbers and of the starts makes on the held-out rows that are scored. A few undetermined ones make most of it.
+    pub fn spread(&self, benches: &Benches<'_>) -> Spread {
+        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else {
+            return Spread::default();
+        };
         let shared = benches.fitted.shared(&self.variant.hypothesis);
         let axes = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
         let fitted = benches.play_fitted(&self.variant);
@@ -169,7 +170,7 @@ impl Augmented {
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
         let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
-        benches.spread_m2(&self.variant, &moves)
+        benches.spread(&self.variant, &moves)
     }
 
     /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start

@@ -140,6 +140,7 @@ pub(super) fn by_scatter(
     without: &[&str],
     best_share: f64,
     has_lines: bool,
+    is_wave: bool,
 ) -> Vec<Explanation> {
     let mut found = Vec::new();
     let mut add = |id: &'static str, form: &str, value: f64, left: f64| {
@@ -162,7 +163,7 @@ pub(super) fn by_scatter(
     let [beyond, beyond_of_log] = scattered.beyond_any_noise;
     let uneven = scattered.unevenness.hypot(beyond);
     let is_even = uneven < 1.0 && best_share < HOPELESS && !has_lines;
-    let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG;
+    let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG && !is_wave;
     let left = [(is_even, 0.4 * uneven), (is_told, beyond.sqrt())];
     if let Some(left) = left.into_iter().filter(|(is, _)| *is).map(|(_, left)| left).reduce(f64::min) {
         add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), left);
@@ -228,7 +229,7 @@ mod tests {
             moving_m2: 2e-16,
             ..Scattered::default()
         };
-        let found = by_scatter(&scattered, &refit, 0.01, &[], 0.0, false);
+        let found = by_scatter(&scattered, &refit, 0.01, &[], 0.0, false, false);
         let of = |id: &str| {
             let explanation = found.iter().find(|e| e.judged.ids == [id]).expect("told by its scatter");
             scatter_of_logs(explanation, &bench, &[moving(0.0), moving(0.01)])
@@ -236,6 +237,13 @@ mod tests {
         let jitter = of("sampling_jitter");
         assert!(jitter[0] == 0.0 && (jitter[1] - 4e-16).abs() < 1e-24, "{jitter:?}");
         assert_eq!(of("noise_excess"), [1e-16; 2]);
+        // Octaves that noise could have say nothing where a wave promises most of it.
+        let told = Scattered { unevenness: 2.0, beyond_any_noise: [0.02, 0.03], ..scattered };
+        let is_noise = |is_wave: bool| {
+            let found = by_scatter(&told, &refit, 0.01, &[], 0.97, true, is_wave);
+            found.iter().any(|explanation| explanation.judged.ids == ["noise_excess"])
+        };
+        assert!(is_noise(false) && !is_noise(true));
         assert!(scatter_of_logs(&Explanation::by_fit(&refit, 1.0, 0.01), &bench, &[]).is_empty());
     }
 }

@@ -22,6 +22,9 @@ pub(super) const RESOLVED: f64 = 20.0;
 const MUCH_BETTER: f64 = 0.7;
 /// A fit near the noise is at it, but not where that takes less than this of the gap's power away.
 const MOST_OF_NOISE: f64 = 0.3;
+/// What is a wave for more than this share of its power is no noise, however smooth its octaves: an octave tells no line.
+const MOST_OF_GAP: f64 = 0.5;
+const WAVES: [&str; 2] = ["mains_hum", "periodic_force"];
 /// Power that a fit may leave beyond the best one's for its rest to scatter like that one's, as amplitude, in shares of what that leaves.
 const HARDLY_MORE: f64 = 0.2;
 /// Scatter that leaves less than this of a gap may hide what is small beside it.
@@ -281,8 +284,10 @@ struct Judge<'a> {
     noise: f64,
     /// Share of the gap that the best lead promised.
     best_share: f64,
-    /// Whether lines stand out of what the refit leaves.
+    /// Whether lines stand out of what the refit leaves, ..
     has_lines: bool,
+    /// .. and a wave promises most of it.
+    is_wave: bool,
 }
 
 impl<'a> Judge<'a> {
@@ -301,9 +306,10 @@ impl<'a> Judge<'a> {
         let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
         let best_share = leads.first().map_or(0.0, |lead| lead.share);
         let has_lines = !starts.line_hz.is_empty();
+        let is_wave = leads.first().is_some_and(|lead| WAVES.contains(&lead.effect.id()) && lead.share > MOST_OF_GAP);
         let octaves = octaves_of(search.bench, remainders);
         let floor = least_fraction(refit, noise.min(1.0));
-        Self { search, refit, octaves, without, fits, best, floor, noise, best_share, has_lines }
+        Self { search, refit, octaves, without, fits, best, floor, noise, best_share, has_lines, is_wave }
     }
 
     /// Fraction of the gap that `fit` leaves, as amplitude.
@@ -333,7 +339,8 @@ impl<'a> Judge<'a> {
     }
 
     fn by_scatter(&self, scattered: &Scattered, fit: &Candidate) -> Vec<Explanation> {
-        by_scatter(scattered, fit, self.floor, self.without, self.best_share, self.has_lines)
+        let is_wave = self.is_wave && fit.hypothesis.installed.is_empty();
+        by_scatter(scattered, fit, self.floor, self.without, self.best_share, self.has_lines, is_wave)
     }
 
     /// What fits leave may scatter as well: the best one, and those that leave hardly more, and those that scatter has `hidden`. Scatter explains none of

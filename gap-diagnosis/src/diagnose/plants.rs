@@ -34,6 +34,44 @@ pub(super) struct Variant {
 /// What a variant predicts for every row of one log: the reading of an ideal sensor, metres.
 pub(super) type Played = Vec<f64>;
 
+/// A held-out log's start is open where it may make so many times the noise of what follows, ..
+const OPEN: f64 = 2.0;
+/// .. and tells of what stays there, if that is so many times the noise.
+const STAYS: f64 = 1.5;
+
+/// Mean squares on the held-out rows that are scored, metres squared, one for each of independent numbers of unit sigma.
+#[derive(Default)]
+pub(super) struct Spread {
+    /// What the start of each held-out log makes, as far as its first stretch leaves it open.
+    pub starts_m2: Vec<f64>,
+    /// What the numbers that all logs share make.
+    pub numbers_m2: Vec<f64>,
+}
+
+impl Spread {
+    /// All of them.
+    pub fn all_m2(&self) -> Vec<f64> {
+        [self.starts_m2.as_slice(), &self.numbers_m2].concat()
+    }
+
+    /// Held-out logs of which what `played` leaves may be that their first stretch does not tell where they start, and how much that makes, metres rms.
+    pub fn open_starts<'r>(&self, benches: &'r Benches<'_>, played: &[Played]) -> Vec<(&'r str, f64)> {
+        let Some(held) = &benches.held else { return Vec::new() };
+        let (all, played) = (scored_rows(held), &played[benches.fitted.records.len()..]);
+        let logs = held.records.iter().zip(played).zip(&self.starts_m2);
+        let open = logs.filter_map(|((record, played), start_m2)| {
+            let rows = record.log.displacement_m.iter().zip(played).skip(scored_from(record));
+            let left: Vec<f64> = rows.map(|(read_m, played_m)| (read_m - played_m).powi(2)).collect();
+            let count = left.len().max(1) as f64;
+            let open_m = (start_m2 * all / count).sqrt();
+            let stays_m = (left.iter().sum::<f64>() / count).sqrt();
+            let is_open = open_m > OPEN * record.noise_m && stays_m > STAYS * record.noise_m;
+            is_open.then_some((record.log.name.as_str(), open_m))
+        });
+        open.collect()
+    }
+}
+
 impl<'a> Benches<'a> {
     /// The benches of the fitted `records` and of the `held_out` logs.
     pub fn new(model: &'a Model, records: Vec<Record<'a>>, held_out: &'a [Log], run_in_s: Option<f64>) -> Self {
@@ -89,17 +127,15 @@ impl<'a> Benches<'a> {
         (0..held.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// Mean squares on the held-out rows that are scored, metres squared, one for each of independent numbers of unit sigma: where the coordinates of
-    /// `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
-    pub fn spread_m2(&self, variant: &Variant, moves: &[Vec<f64>]) -> Vec<f64> {
-        let Some(held) = &self.held else { return Vec::new() };
+    /// What is open where the coordinates of `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
+    pub fn spread(&self, variant: &Variant, moves: &[Vec<f64>]) -> Spread {
+        let Some(held) = &self.held else { return Spread::default() };
         let variant = &self.as_usual(variant);
         let starts = self.starts(held, variant);
-        let mut spread_m2 = starts_m2(held, &variant.hypothesis, &starts);
+        let starts_m2 = starts_m2(held, &variant.hypothesis, &starts);
         // Changes add up row by row; along the axes of their products each has a power of its own.
         let moved_m2 = self.moved_m2(held, variant, &starts, moves).symmetric_eigenvalues();
-        spread_m2.extend(moved_m2.iter().map(|m2| m2.max(0.0)));
-        spread_m2
+        Spread { starts_m2, numbers_m2: moved_m2.iter().map(|m2| m2.max(0.0)).collect() }
     }
 
     /// What the predictions for the held-out logs change on the rows that are scored when the coordinates of `variant` are moved by each of `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.

@@ -12,7 +12,7 @@ use plant_sim::replay::Reader;
 use std::ops::Range;
 
 /// Share of a held-out log that its start is fitted to.
-const START_SHARE: f64 = 0.3;
+pub(super) const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
