@@ -61,12 +61,13 @@ pub(super) fn octaves_of(bench: &Bench<'_>, remainders: &[Remainder]) -> Vec<Oct
 /// The same of what stays beside errors of the sampling instants of `jitter_s`: rows in which the plant moves fast count for less.
 pub(super) fn octaves_beside(bench: &Bench<'_>, remainders: &[Remainder], jitter_s: f64) -> Vec<Octave> {
     let of_log = |(log, (record, left)): (usize, (&Record<'_>, &Remainder))| {
-        let mut residual_m = without_lost(record, left);
         let still_m = record.still_m();
-        for (residual_m, v) in residual_m.iter_mut().zip(&left.velocity_m_per_s[record.run_in..]) {
-            *residual_m /= (jitter_s * v / still_m).hypot(1.0);
-        }
-        octaves(log, &residual_m, record.log.dt_s)
+        let residual_m = |row: usize| {
+            let k = record.run_in + row;
+            let residual_m = if record.has_lost(k) { 0.0 } else { left.residual_m[k] };
+            residual_m / (jitter_s * left.velocity_m_per_s[k] / still_m).hypot(1.0)
+        };
+        octaves(log, left.residual_m.len() - record.run_in, residual_m, record.log.dt_s)
     };
     bench.records.iter().zip(remainders).enumerate().flat_map(of_log).collect()
 }
@@ -83,12 +84,6 @@ pub(super) fn shown(before: &[Octave], after: &[Octave]) -> f64 {
 pub(super) fn widened(scatter_m2: &[f64], octaves: &[Octave]) -> Vec<f64> {
     let sigma = |log: usize| octaves.iter().find(|octave| octave.log == log).map_or(0.0, |octave| octave.sigma);
     scatter_m2.iter().enumerate().map(|(log, m2)| m2 * (1.0 + SIGMAS * sigma(log).min(WIDEST))).collect()
-}
-
-/// The residual after the run-in, none in lost rows.
-fn without_lost(record: &Record<'_>, left: &Remainder) -> Vec<f64> {
-    let residual = |k: usize| if record.has_lost(k) { 0.0 } else { left.residual_m[k] };
-    (record.run_in..left.residual_m.len()).map(residual).collect()
 }
 
 /// Fraction of the gap in one octave of all logs that stays, as amplitude, in the octave where most of it stays. What imitates a gap at its slow end,
@@ -141,21 +136,19 @@ pub(super) fn beyond_any_noise(bench: &Bench<'_>, remainders: &[Remainder]) -> [
     [share(beyond.iter().sum(), excess.iter().sum()), worst.fold(0.0, f64::max)]
 }
 
-/// Powers of a log's octaves, fastest first: mean squares of its Haar wavelets at every row, as steps need not begin where a stretch does, with the
-/// log mirrored at its ends, as starts die out there (Percival & Walden 2000, chapter 5).
-fn octaves(log: usize, residual_m: &[f64], dt_s: f64) -> Vec<Octave> {
+/// Powers of a log's octaves, fastest first, from its residual at each of so many rows: mean squares of its Haar wavelets at every row, as steps need
+/// not begin where a stretch does, with the log mirrored at its ends, as starts die out there (Percival & Walden 2000, chapter 5).
+fn octaves(log: usize, rows: usize, residual_m: impl Fn(usize) -> f64, dt_s: f64) -> Vec<Octave> {
     let spacing = (1e3 * dt_s).log2();
-    let rows = residual_m.len();
     // Wavelets see no constant; without it nothing is left of one but zeros.
     let mirrored = rows / (2 * LEAST_PAIRS);
-    let (before, after) = (residual_m.iter().take(mirrored).rev(), residual_m.iter().rev().take(mirrored));
-    let mut sums = vec![0.0];
-    sums.reserve(rows + 2 * mirrored);
-    let mut sum = 0.0;
-    sums.extend(before.chain(residual_m).chain(after).map(|value_m| {
-        sum += value_m - residual_m[0];
-        sum
-    }));
+    let mut sums = Vec::with_capacity(rows + 2 * mirrored + 1);
+    let (mut sum, first_m) = (0.0, if rows > 0 { residual_m(0) } else { 0.0 });
+    sums.push(sum);
+    for row in (0..mirrored).rev().chain(0..rows).chain((rows - mirrored..rows).rev()) {
+        sum += residual_m(row) - first_m;
+        sums.push(sum);
+    }
     let mut octaves = Vec::new();
     for level in 0.. {
         let width = 1usize << level;
@@ -356,12 +349,11 @@ mod tests {
     /// A converter that rests on one step leaves a constant, which has no power in any octave; a start that dies out has its own.
     #[test]
     fn a_constant_has_no_octaves_and_a_start_has() {
-        assert!(octaves(0, &[1.3e-7; 1000], 5e-5).iter().all(|octave| octave.power_m2 == 0.0));
-        assert!([0, 1, 15].map(|rows| octaves(0, &vec![1e-7; rows], 5e-5).len()) == [0; 3]);
+        assert!(octaves(0, 1000, |_| 1.3e-7, 5e-5).iter().all(|octave| octave.power_m2 == 0.0));
+        assert!([0, 1, 15].map(|rows| octaves(0, rows, |_| 1e-7, 5e-5).len()) == [0; 3]);
         let energy = |first: usize| {
-            let dies_out: Vec<f64> =
-                (0..ROWS).map(|k| if k < first { 0.0 } else { (-0.0125 * (k - first) as f64).exp() }).collect();
-            octaves(0, &dies_out, 5e-5).iter().map(|octave| octave.pairs * octave.power_m2).sum::<f64>() / 40.0
+            let dies_out = |k: usize| if k < first { 0.0 } else { (-0.0125 * (k - first) as f64).exp() };
+            octaves(0, ROWS, dies_out, 5e-5).iter().map(|octave| octave.pairs * octave.power_m2).sum::<f64>() / 40.0
         };
         let (at_once, later) = (energy(0), energy(ROWS / 2));
         assert!((0.6..1.0).contains(&at_once) && (0.8..1.0).contains(&later), "{at_once} {later}");
