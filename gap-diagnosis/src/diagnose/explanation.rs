@@ -132,15 +132,24 @@ pub(super) fn scatter_of_logs(explanation: &Explanation, bench: &Bench<'_>, rema
     bench.records.iter().zip(remainders).map(of_log).collect()
 }
 
+/// What the screening of a gap speaks for but scatter.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Promised {
+    /// Share of the gap that the best lead promised.
+    pub best_share: f64,
+    /// Whether lines stand out of the gap, ..
+    pub has_lines: bool,
+    /// .. and a wave promises most of it.
+    pub is_wave: bool,
+}
+
 /// Effects that only scatter tells.
 pub(super) fn by_scatter(
     scattered: &Scattered,
     refit: &Candidate,
     floor: f64,
     without: &[&str],
-    best_share: f64,
-    has_lines: bool,
-    is_wave: bool,
+    promised: Promised,
 ) -> Vec<Explanation> {
     let mut found = Vec::new();
     let mut add = |id: &'static str, form: &str, value: f64, left: f64| {
@@ -162,8 +171,8 @@ pub(super) fn by_scatter(
     // Noise neither has lines nor follows anything that the registry's directions follow, or its octaves tell that it is noise.
     let [beyond, beyond_of_log] = scattered.beyond_any_noise;
     let uneven = scattered.unevenness.hypot(beyond);
-    let is_even = uneven < 1.0 && best_share < HOPELESS && !has_lines;
-    let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG && !is_wave;
+    let is_even = uneven < 1.0 && promised.best_share < HOPELESS && !promised.has_lines;
+    let is_told = beyond < NOT_NOISE && beyond_of_log < NOT_NOISE_OF_LOG && !promised.is_wave;
     let left = [(is_even, 0.4 * uneven), (is_told, beyond.sqrt())];
     if let Some(left) = left.into_iter().filter(|(is, _)| *is).map(|(_, left)| left).reduce(f64::min) {
         add("noise_excess", "coloured", scattered.excess_m2.max(0.0).sqrt(), left);
@@ -229,7 +238,7 @@ mod tests {
             moving_m2: 2e-16,
             ..Scattered::default()
         };
-        let found = by_scatter(&scattered, &refit, 0.01, &[], 0.0, false, false);
+        let found = by_scatter(&scattered, &refit, 0.01, &[], Promised::default());
         let of = |id: &str| {
             let explanation = found.iter().find(|e| e.judged.ids == [id]).expect("told by its scatter");
             scatter_of_logs(explanation, &bench, &[moving(0.0), moving(0.01)])
@@ -240,7 +249,8 @@ mod tests {
         // Octaves that noise could have say nothing where a wave promises most of it.
         let told = Scattered { unevenness: 2.0, beyond_any_noise: [0.02, 0.03], ..scattered };
         let is_noise = |is_wave: bool| {
-            let found = by_scatter(&told, &refit, 0.01, &[], 0.97, true, is_wave);
+            let promised = Promised { best_share: 0.97, has_lines: true, is_wave };
+            let found = by_scatter(&told, &refit, 0.01, &[], promised);
             found.iter().any(|explanation| explanation.judged.ids == ["noise_excess"])
         };
         assert!(is_noise(false) && !is_noise(true));

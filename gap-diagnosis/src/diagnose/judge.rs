@@ -3,7 +3,7 @@
 use super::bench::{Freedom, Hypothesis};
 use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large, pays_alone};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
-use super::explanation::{Explanation, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
+use super::explanation::{Explanation, Promised, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of, widened};
@@ -282,12 +282,8 @@ struct Judge<'a> {
     floor: f64,
     /// Mean square of the noise, in units of what the logs say of it.
     noise: f64,
-    /// Share of the gap that the best lead promised.
-    best_share: f64,
-    /// Whether lines stand out of what the refit leaves, ..
-    has_lines: bool,
-    /// .. and a wave promises most of it.
-    is_wave: bool,
+    /// What the screening of the refit's gap speaks for.
+    promised: Promised,
 }
 
 impl<'a> Judge<'a> {
@@ -304,12 +300,15 @@ impl<'a> Judge<'a> {
         // The noise is known to a few per cent: a fit that comes that near is at it.
         let at_noise = AT_NOISE.min(1.0 + MOST_OF_NOISE * (refit.chi - 1.0));
         let noise = best.map(|best| best.chi).filter(|chi| *chi < at_noise).unwrap_or(1.0);
-        let best_share = leads.first().map_or(0.0, |lead| lead.share);
-        let has_lines = !starts.line_hz.is_empty();
-        let is_wave = leads.first().is_some_and(|lead| WAVES.contains(&lead.effect.id()) && lead.share > MOST_OF_GAP);
+        let lead = leads.first();
+        let promised = Promised {
+            best_share: lead.map_or(0.0, |lead| lead.share),
+            has_lines: !starts.line_hz.is_empty(),
+            is_wave: lead.is_some_and(|lead| WAVES.contains(&lead.effect.id()) && lead.share > MOST_OF_GAP),
+        };
         let octaves = octaves_of(search.bench, remainders);
         let floor = least_fraction(refit, noise.min(1.0));
-        Self { search, refit, octaves, without, fits, best, floor, noise, best_share, has_lines, is_wave }
+        Self { search, refit, octaves, without, fits, best, floor, noise, promised }
     }
 
     /// Fraction of the gap that `fit` leaves, as amplitude.
@@ -339,8 +338,9 @@ impl<'a> Judge<'a> {
     }
 
     fn by_scatter(&self, scattered: &Scattered, fit: &Candidate) -> Vec<Explanation> {
-        let is_wave = self.is_wave && fit.hypothesis.installed.is_empty();
-        by_scatter(scattered, fit, self.floor, self.without, self.best_share, self.has_lines, is_wave)
+        // A fit has taken the wave, if there is one.
+        let is_wave = self.promised.is_wave && fit.hypothesis.installed.is_empty();
+        by_scatter(scattered, fit, self.floor, self.without, Promised { is_wave, ..self.promised })
     }
 
     /// What fits leave may scatter as well: the best one, and those that leave hardly more, and those that scatter has `hidden`. Scatter explains none of

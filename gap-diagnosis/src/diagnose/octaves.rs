@@ -51,6 +51,11 @@ impl Octave {
     fn spread(&self) -> f64 {
         (2.0 / self.pairs).sqrt().hypot(TOLERANCE)
     }
+
+    /// Times that what scatters may have more power in one log or octave than in another: rows hit now and then much more.
+    fn widening(&self) -> f64 {
+        1.0 + SIGMAS * self.sigma.min(WIDEST)
+    }
 }
 
 /// Octaves of all logs. Lost rows say nothing.
@@ -82,8 +87,8 @@ pub(super) fn shown(before: &[Octave], after: &[Octave]) -> f64 {
 
 /// What scatters in each log, and what it may have more of it in one log than in another, as its fastest octave tells.
 pub(super) fn widened(scatter_m2: &[f64], octaves: &[Octave]) -> Vec<f64> {
-    let sigma = |log: usize| octaves.iter().find(|octave| octave.log == log).map_or(0.0, |octave| octave.sigma);
-    scatter_m2.iter().enumerate().map(|(log, m2)| m2 * (1.0 + SIGMAS * sigma(log).min(WIDEST))).collect()
+    let fastest = |log: usize| octaves.iter().find(|octave| octave.log == log);
+    scatter_m2.iter().enumerate().map(|(log, m2)| m2 * fastest(log).map_or(1.0, Octave::widening)).collect()
 }
 
 /// Fraction of the gap in one octave of all logs that stays, as amplitude, in the octave where most of it stays. What imitates a gap at its slow end,
@@ -103,9 +108,7 @@ pub(super) fn left_of_worst_octave(bench: &Bench<'_>, before: &[Octave], after: 
         let own_m2 = record.noise_m.powi(2);
         let noise_m2 = own_m2.max(middle_m2[&octave_of(after)]);
         let scatter_m2 = scatter_m2.get(after.log).copied().unwrap_or_default();
-        // What scatters has more or less power in each octave: rows hit now and then much more.
-        let scatter_m2 = scatter_m2 * (1.0 + SIGMAS * after.sigma.min(WIDEST));
-        let explained_m2 = noise_m2.max(own_m2 + scatter_m2);
+        let explained_m2 = noise_m2.max(own_m2 + scatter_m2 * after.widening());
         // In shares of the noise's power in all octaves.
         let share = |power_m2: f64| before.pairs * power_m2 / ((record.log.len() - record.run_in) as f64 * own_m2);
         let [gap, left] = sums.entry(octave_of(before)).or_default();
@@ -158,10 +161,10 @@ fn octaves(log: usize, rows: usize, residual_m: impl Fn(usize) -> f64, dt_s: f64
         }
         let pairs = pairs as f64;
         let square = |k: usize| (sums[k + width] - 2.0 * sums[k] + sums[k - width]).powi(2);
-        let squares = || (mirrored..=mirrored + rows).map(square);
-        let mean = squares().sum::<f64>() / (rows + 1) as f64;
-        let variance = squares().map(|square| (square - mean).powi(2)).sum::<f64>() / (rows + 1) as f64;
-        let sigma = if mean > 0.0 { (variance / pairs).sqrt() / mean } else { 0.0 };
+        let sums_of = |[sum, sum2]: [f64; 2], square: f64| [sum + square, sum2 + square * square];
+        let [mean, mean2] =
+            (mirrored..=mirrored + rows).map(square).fold([0.0; 2], sums_of).map(|sum| sum / (rows + 1) as f64);
+        let sigma = if mean > 0.0 { ((mean2 - mean * mean).max(0.0) / pairs).sqrt() / mean } else { 0.0 };
         octaves.push(Octave { log, level, spacing, pairs, power_m2: mean * 0.5 / width as f64, sigma });
     }
     octaves
@@ -184,17 +187,22 @@ fn smooth(octaves: &[Octave]) -> Option<impl Fn(&Octave) -> f64 + use<>> {
         (0..FALLS).map(move |step| steepest * step as f64 / (FALLS - 1) as f64)
     };
     let bends = (0..=octaves_up).flat_map(|up| falls(up).map(move |fall| (slowest - up as f64, fall)));
+    let told: Vec<(&Octave, f64)> = octaves
+        .iter()
+        .filter(|octave| octave.power_m2 > 0.0)
+        .map(|octave| (octave, octave.spread().powi(-2)))
+        .collect();
+    let weights: f64 = told.iter().map(|(_, weight)| weight).sum();
     for (flat, fall) in bends {
         for share in 0..WHITE_SHARES {
             let white = SMALLER.powi(share);
             let logs = || {
-                octaves.iter().filter(|octave| octave.power_m2 > 0.0).map(|octave| {
+                told.iter().map(|(octave, weight)| {
                     let ratio = octave.power_m2 / shape(flat, fall, white, octave);
                     // The logarithm of a mean square of few squares comes out below that of its expectation.
-                    (ratio.ln() + 1.0 / octave.pairs, octave.spread().powi(-2))
+                    (ratio.ln() + 1.0 / octave.pairs, weight)
                 })
             };
-            let weights: f64 = logs().map(|(_, weight)| weight).sum();
             let mean = logs().map(|(log, weight)| weight * log).sum::<f64>() / weights;
             let misfit: f64 = logs().map(|(log, weight)| weight * (log - mean).powi(2)).sum();
             if misfit < best.0 {

@@ -60,11 +60,11 @@ impl Spread {
         let (all, played) = (scored_rows(held), &played[benches.fitted.records.len()..]);
         let logs = held.records.iter().zip(played).zip(&self.starts_m2);
         let open = logs.filter_map(|((record, played), start_m2)| {
-            let rows = record.log.displacement_m.iter().zip(played).skip(scored_from(record));
-            let left: Vec<f64> = rows.map(|(read_m, played_m)| (read_m - played_m).powi(2)).collect();
-            let count = left.len().max(1) as f64;
-            let open_m = (start_m2 * all / count).sqrt();
-            let stays_m = (left.iter().sum::<f64>() / count).sqrt();
+            let from = scored_from(record);
+            let rows = (record.log.len() - from).max(1) as f64;
+            let read = record.log.displacement_m.iter().zip(played).skip(from);
+            let stays_m = (read.map(|(read_m, played_m)| (read_m - played_m).powi(2)).sum::<f64>() / rows).sqrt();
+            let open_m = (start_m2 * all / rows).sqrt();
             let is_open = open_m > OPEN * record.noise_m && stays_m > STAYS * record.noise_m;
             is_open.then_some((record.log.name.as_str(), open_m))
         });
