@@ -256,6 +256,12 @@ fn a_bench_as_nominal_has_no_gap() {
     assert_eq!(found["verdict"], "no_gap");
     assert_eq!((list(&found["effects"]).len(), found["stage"].is_null()), (0, true));
     assert_eq!(found["ranking"][0]["effect"], "no_gap");
+    // That gains come next is said, as the table of what was fitted gives them less.
+    assert!(
+        std::fs::read_to_string(folder.path("out/report.html"))
+            .unwrap()
+            .contains("within what the plant states no log shows it")
+    );
     assert!(replayed(&folder, &case, "out/augmented.toml") < replayed(&folder, &case, "nominal.toml"));
 }
 

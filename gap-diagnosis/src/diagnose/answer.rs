@@ -120,6 +120,8 @@ pub struct Evidence {
     pub named_left: Option<f64>,
     /// The quantities of `changed`.
     pub changed: Vec<Quantity>,
+    /// Gains that may be off by what the plant states where there is no gap.
+    pub hidden_gains: Vec<&'static str>,
 }
 
 /// One log with what the three plants make of it.
@@ -245,7 +247,8 @@ pub(super) fn answer(
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
-    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden_gains(bench, &without));
+    let hidden_gains = hidden_gains(bench, &without);
+    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden_gains);
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
 
@@ -318,6 +321,7 @@ pub(super) fn answer(
             rivals: rivals(course, explanation),
             named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
+            hidden_gains: if verdict == Verdict::NoGap { hidden_gains } else { Vec::new() },
         },
     }
 }

@@ -122,7 +122,7 @@ impl Diagnosis {
                 .iter()
                 .map(|ranked| RankView {
                     effect: ranked.effect.clone(),
-                    note: find(&ranked.effect).map_or(String::new(), |effect| effect.stage().name().to_owned()),
+                    note: self.note(&ranked.effect),
                     probability: ranked.probability,
                 })
                 .collect(),
@@ -204,6 +204,16 @@ impl Diagnosis {
             signature: signature.to_owned(),
             source: source.to_owned(),
             parameters: parameters.collect(),
+        }
+    }
+
+    /// What stands beside an entry's probability: its stage, and whether what the plant states is why it has one.
+    fn note(&self, id: &str) -> String {
+        let stage = find(id).map_or("", |effect| effect.stage().name());
+        if self.evidence.hidden_gains.contains(&id) {
+            format!("{stage}; within what the plant states no log shows it")
+        } else {
+            stage.to_owned()
         }
     }
 
