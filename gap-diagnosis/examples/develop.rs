@@ -1,6 +1,7 @@
 //! Prints what a diagnosis finds in folders with nominal.toml and logs, one line each: for those who work on the diagnosis.
 
-use gap_diagnosis::diagnose::bench::{Bench, Freedom};
+use gap_diagnosis::diagnose::bench::Bench;
+use gap_diagnosis::diagnose::hypothesis::Freedom;
 use gap_diagnosis::diagnose::judge::course;
 use gap_diagnosis::diagnose::records::record;
 use gap_diagnosis::diagnose::search::Search;

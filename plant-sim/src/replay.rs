@@ -40,6 +40,9 @@ pub struct Start {
     pub state: PhsState,
     /// Volts that acted until the first command arrived.
     pub drive_v: f64,
+    /// How far each of the chain's oscillators, in their order, is from where it rests in metres, and its velocity in m/s; those beyond the
+    /// list are at rest.
+    pub modes: Vec<[f64; 2]>,
     /// What parts with a memory of their own (play, presliding friction) hold, as a share of the most they can: -1 to 1.
     pub memory: f64,
 }
@@ -47,14 +50,19 @@ pub struct Start {
 impl Start {
     /// Everything zero.
     pub fn relaxed(chain: &Chain) -> Self {
-        Self { state: chain.plant.relaxed(), drive_v: 0.0, memory: 0.0 }
+        Self { state: chain.plant.relaxed(), drive_v: 0.0, modes: Vec::new(), memory: 0.0 }
     }
 
     /// The equilibrium under `drive_v` that holds the given hysteron voltages (equation (2.9)).
     pub fn at_rest(chain: &Chain, drive_v: f64, hysteron_v: Vec<f64>) -> Self {
         let acting_v = chain.drive.output_v(drive_v);
         let displacement_m = chain.equilibrium_m(acting_v, &hysteron_v);
-        Self { state: PhsState { displacement_m, velocity_m_per_s: 0.0, hysteron_v }, drive_v, memory: 0.0 }
+        Self {
+            state: PhsState { displacement_m, velocity_m_per_s: 0.0, hysteron_v },
+            drive_v,
+            modes: Vec::new(),
+            memory: 0.0,
+        }
     }
 
     /// The same with parts that hold `memory`; the structure rests where the friction that is held leaves it.
@@ -92,6 +100,7 @@ impl Player {
         let sample_s = sample_s / pieces as f64;
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         simulator.start_from(&start.state, start.drive_v);
+        simulator.swing(&chain.parts.modes, &start.modes);
         simulator.remember(start.memory);
         Self { simulator, sample_s, pieces, hold, resampler: Resampler::default() }
     }

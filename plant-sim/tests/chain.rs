@@ -2,8 +2,8 @@
 //! integration by Runge-Kutta that knows nothing of samples.
 
 use plant_sim::chain::{
-    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Hinge, Lag, Late, Parts, Relaxation,
-    Sensor, SensorState, Simulator, Stairs, Swing, Warming,
+    Arm, Arrivals, Chain, Cycle, Drive, Flaw, Force, Gap, Growth, Heat, Held, Hinge, Joint, Lag, Late, Mode, Parts,
+    Relaxation, Sensor, SensorState, Simulator, Stairs, Swing, Warming,
 };
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::log::{Hold, Log};
@@ -315,6 +315,45 @@ fn a_start_holds_its_drive_until_the_first_command_arrives() {
         // Rows 0, 1 and 2 are sampled before 2.5 samples have passed. 20 samples of rounding at 1e-16 of 50 um each.
         assert_eq!(row >= 3, moved_m > 1e-18 * 50.0, "row {row}: {moved_m:e}");
         simulator.advance(Held::zero_order(-25.0), 0.0);
+    }
+}
+
+#[test]
+fn oscillators_that_swing_at_the_start_go_on_swinging() {
+    let (hz, damping_ratio) = (300.0, 0.01);
+    let with = |joint: Joint, forces: Vec<Force>| Chain {
+        parts: Parts { modes: vec![Mode { joint, hz, damping_ratio }], forces, ..Parts::default() },
+        ..chain()
+    };
+    // A log cut out of a longer one begins where that one was, its oscillator as well.
+    let swinging = with(Joint::Attached { mass_kg: 1e-4 }, Vec::new());
+    let command_v: Vec<f64> = (0..2 * ROWS).map(|k| if k < ROWS { 40.0 } else { -10.0 }).collect();
+    let whole = predict(&swinging, &log(command_v.clone(), Hold::Zoh, 0.0), &Start::relaxed(&swinging), 2 * ROWS);
+    let mut simulator = Simulator::new(&swinging, SAMPLE_S, 0.0);
+    command_v[..ROWS].iter().for_each(|v| simulator.advance(Held::zero_order(*v), 0.0));
+    let there = simulator.snapshot();
+    let [x_m, v_m_per_s] = there.attached[0];
+    let at_rest = Start { state: there.plant.clone(), drive_v: 40.0, ..Start::relaxed(&swinging) };
+    let moving = Start { modes: vec![[x_m - there.plant.displacement_m, v_m_per_s]], ..at_rest.clone() };
+    let cut = |start: &Start| predict(&swinging, &log(command_v[ROWS..].to_vec(), Hold::Zoh, 0.0), start, ROWS);
+    assert!(distance(&cut(&moving), &whole[ROWS..]) < 1e-15 && distance(&cut(&at_rest), &whole[ROWS..]) > 1e-8);
+
+    // Beside the plant: the sensor sees it turn, in the engine and where laws keep it out of the engine.
+    let compliance_m_per_n = 1e-6;
+    for forces in [Vec::new(), vec![Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }]] {
+        let beside = with(Joint::Parallel { compliance_m_per_n }, forces);
+        let start = Start { modes: vec![[1e-6, 0.0]], ..Start::relaxed(&beside) };
+        let seen = predict(&beside, &log(vec![0.0; ROWS], Hold::Zoh, 0.0), &start, ROWS);
+        let turning_per_s = TAU * hz;
+        let damped_per_s = turning_per_s * (1.0 - damping_ratio * damping_ratio).sqrt();
+        let expected = |row: usize| {
+            let t = row as f64 * SAMPLE_S;
+            let wave =
+                (damped_per_s * t).cos() + damping_ratio * turning_per_s / damped_per_s * (damped_per_s * t).sin();
+            1e-6 * (-damping_ratio * turning_per_s * t).exp() * wave
+        };
+        let expected: Vec<f64> = (0..ROWS).map(expected).collect();
+        assert!(distance(&seen, &expected) < 1e-15, "{:e}", distance(&seen, &expected));
     }
 }
 

@@ -1,11 +1,12 @@
 //! The answer: what `diagnosis.json` says (schema `hysteron-diagnosis-1`), and what the page needs beside it.
 
 use super::augment::{Augmented, Changed, Estimate, augment};
-use super::bench::{Bench, Installed, Record};
+use super::bench::{Bench, Record};
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
 use super::explanation::Explanation;
 use super::gap::{Gap, Left, LeftWith, ShareOf, Three, expected, gap, shares};
+use super::hypothesis::Installed;
 use super::judge::Course;
 use super::next::{NextExperiment, next_experiment};
 use super::plants::{Benches, Played, Variant};
@@ -158,6 +159,8 @@ pub struct LogEvidence {
 pub struct Rival {
     /// Its effects.
     pub effects: Vec<String>,
+    /// The nominal numbers that `parameter_error` has wrong.
+    pub numbers: Vec<String>,
     /// Rms after the fit over that of the noise.
     pub rms_over_noise: f64,
     /// Squares of the numbers' shifts in sigma.
@@ -548,6 +551,7 @@ fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
     let others = course.explanations.iter().filter(|e| named.is_none_or(|named| !std::ptr::eq(*e, named)));
     let rival = |e: &Explanation| Rival {
         effects: e.judged.ids.iter().map(|id| (*id).to_owned()).collect(),
+        numbers: e.freed.iter().filter_map(|freed| freed.quantity).map(|quantity| quantity.name()).collect(),
         rms_over_noise: e.candidate.chi.max(0.0).sqrt(),
         prior_cost: e.judged.prior_cost,
         probability: e.probability,

@@ -1,8 +1,9 @@
 //! The plant with what was found: numbers with their uncertainty, effects as sections of their own, and the model file.
 
-use super::bench::{Bench, Freedom, Record};
+use super::bench::{Bench, Record};
 use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
+use super::hypothesis::Freedom;
 use super::plants::{self, Benches, Played, Spread, Variant, carry};
 use super::random::Random;
 use super::refit::{come_home, has_gap, nominal};

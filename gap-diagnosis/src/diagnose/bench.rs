@@ -1,11 +1,12 @@
-//! What the diagnosis fits: logs with their noise, a nominal plant with its uncertainty, and hypotheses, which are forms of effects
-//! added to it. A vector of coordinates becomes one chain and one start for every log.
+//! What the diagnosis fits: logs with their noise and a nominal plant with its uncertainty. With a hypothesis, a vector of coordinates
+//! becomes one chain and one start for every log.
 
+use super::hypothesis::{Axis, Freedom, Hypothesis, Installed};
 use crate::identify::parameters::{Free, Quantity, Scale};
 use crate::identify::problem::Base;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use plant_sim::chain::{Chain, Drive, Parts, Sensor};
-use plant_sim::effects::{Effect, Form, Kind, Parameter, Role, Scales, Scope};
+use plant_sim::chain::{Chain, Sensor};
+use plant_sim::effects::{Role, Scales, Scope};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
 use plant_sim::param::{ASSUMED_MASS_SIGMA, ASSUMED_SIGMA, Param};
@@ -101,177 +102,6 @@ impl Record<'_> {
     /// What a volt at the drive monitor counts as in metres of displacement, so that both readings have one weight.
     pub fn monitor_m_per_v(&self) -> Option<f64> {
         self.monitor_v.map(|sigma_v| self.noise_m / sigma_v)
-    }
-}
-
-/// How a log may start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Freedom {
-    /// In equilibrium, hysterons anywhere inside their dead zones.
-    Rest,
-    /// Relaxed, at the drive that was held before.
-    Relaxed,
-    /// Anywhere.
-    Any,
-}
-
-/// One form of one effect, with its axes.
-#[derive(Clone)]
-pub struct Installed {
-    /// The effect.
-    pub effect: &'static dyn Effect,
-    /// The form.
-    pub form: &'static Form,
-    /// One axis for each parameter.
-    pub axes: Vec<Axis>,
-    /// Hysterons that it adds to the plant: each log begins with what they hold.
-    pub hysterons: usize,
-    /// Whether it has a memory besides, a play or a presliding friction.
-    pub remembers: bool,
-    /// Products of the sensitivities to what belongs to each log, of each log, metres squared; none where that is not known.
-    pub(super) squares_of_own: Vec<DMatrix<f64>>,
-}
-
-impl Installed {
-    /// Whether parts of it belong to each log, and neither another one nor its own first stretch tells them.
-    pub fn has_own_parts(&self) -> bool {
-        self.axes.iter().any(|axis| axis.parameter.scope == Scope::EachLog)
-    }
-
-    /// Whether the first stretch of each log tells parts of it.
-    pub fn is_told_at_once(&self) -> bool {
-        self.axes.iter().any(|axis| axis.parameter.scope == Scope::EachStart)
-    }
-
-    /// Numbers of the axes of this scope.
-    pub(super) fn of_scope(&self, scope: Scope) -> Vec<usize> {
-        (0..self.axes.len()).filter(|number| self.axes[*number].parameter.scope == scope).collect()
-    }
-
-    /// Whether it is how something was set before each log: one number that stays.
-    pub fn is_setting(&self) -> bool {
-        self.axes.len() == 1 && self.is_told_at_once()
-    }
-}
-
-/// One parameter as the search walks it.
-#[derive(Clone, Debug)]
-pub struct Axis {
-    /// The parameter.
-    pub parameter: Parameter,
-    /// What one coordinate unit is worth (amplitudes and places).
-    unit: f64,
-    /// Mean and width of what other logs have of it, as coordinates; none where nothing is known of it.
-    pub(super) usual: Option<[f64; 2]>,
-}
-
-impl Axis {
-    fn new(parameter: Parameter) -> Self {
-        let unit = match &parameter.role {
-            Role::Amplitude(typical) => typical.abs(),
-            Role::Shape(_) => 1.0,
-            Role::Place(_) => 0.1 * (parameter.bounds[1] - parameter.bounds[0]),
-        };
-        Self { parameter, unit, usual: None }
-    }
-
-    /// Whether the effect vanishes at zero.
-    pub fn is_amplitude(&self) -> bool {
-        matches!(self.parameter.role, Role::Amplitude(_))
-    }
-
-    /// Values from which a search may start; the typical one for an amplitude.
-    pub fn starts(&self) -> Vec<f64> {
-        match &self.parameter.role {
-            Role::Amplitude(typical) => vec![*typical],
-            Role::Shape(starts) | Role::Place(starts) => starts.clone(),
-        }
-    }
-
-    /// The value at coordinate `z`.
-    pub fn value(&self, z: f64) -> f64 {
-        let [low, high] = self.parameter.bounds;
-        match self.parameter.role {
-            Role::Shape(_) => z.exp().clamp(low, high),
-            _ => (self.unit * z).clamp(low, high),
-        }
-    }
-
-    /// The coordinate of `value`.
-    pub fn coordinate(&self, value: f64) -> f64 {
-        let [low, high] = self.parameter.bounds;
-        let value = value.clamp(low, high);
-        match self.parameter.role {
-            Role::Shape(_) => value.max(f64::MIN_POSITIVE).ln(),
-            _ => value / self.unit,
-        }
-    }
-
-    fn bounds(&self) -> [f64; 2] {
-        self.parameter.bounds.map(|bound| self.coordinate(bound))
-    }
-
-    /// What another log may be expected to have and how logs differ in it, if that is known.
-    pub fn usual(&self) -> Option<[f64; 2]> {
-        // The width of its prior is twice as much.
-        self.usual.map(|[z, width]| [self.value(z), 0.5 * width * self.slope(z).abs()])
-    }
-
-    /// Change of the value for one of the coordinate, at `z`.
-    pub fn slope(&self, z: f64) -> f64 {
-        if matches!(self.parameter.role, Role::Shape(_)) { self.value(z) } else { self.unit }
-    }
-}
-
-/// A set of forms on top of the nominal plant.
-#[derive(Clone)]
-pub struct Hypothesis {
-    /// The forms, in the order in which they are installed.
-    pub installed: Vec<Installed>,
-    /// How logs may start.
-    pub freedom: Freedom,
-}
-
-impl Hypothesis {
-    /// The nominal plant alone.
-    pub fn nominal(freedom: Freedom) -> Self {
-        Self { installed: Vec::new(), freedom }
-    }
-
-    /// This with one form more.
-    pub fn with(&self, effect: &'static dyn Effect, form: &'static Form, scales: &Scales<'_>) -> Self {
-        let axes: Vec<Axis> = (form.parameters)(scales).into_iter().map(Axis::new).collect();
-        let values: Vec<f64> = axes.iter().filter_map(|axis| axis.starts().first().copied()).collect();
-        let plant = scales.plant.clone();
-        let mut chain = Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL };
-        (form.install)(&mut chain, &values);
-        let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
-        let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
-        let mut installed = self.installed.clone();
-        installed.push(Installed { effect, form, axes, hysterons, remembers, squares_of_own: Vec::new() });
-        let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
-        Self { installed, freedom }
-    }
-
-    /// Whether logs begin with a memory besides that of hysterons.
-    pub fn remembers(&self) -> bool {
-        self.installed.iter().any(|installed| installed.remembers)
-    }
-
-    /// Parameters of its forms.
-    pub fn parameters(&self) -> usize {
-        self.installed.iter().map(|installed| installed.axes.len()).sum()
-    }
-
-    /// Identifiers of its effects.
-    pub fn ids(&self) -> Vec<&'static str> {
-        self.installed.iter().map(|i| i.effect.id()).collect()
-    }
-
-    /// Whether its effects are those of `other`, in whatever order.
-    pub fn has_effects_of(&self, other: &Self) -> bool {
-        let (own, theirs) = (self.ids(), other.ids());
-        own.len() == theirs.len() && own.iter().all(|id| theirs.contains(id))
     }
 }
 
@@ -471,19 +301,24 @@ impl<'a> Bench<'a> {
         self.chain.plant.hysterons.len() + hypothesis.installed.iter().map(|i| i.hysterons).sum::<usize>()
     }
 
+    /// Oscillators of the nominal plant and of what `hypothesis` adds.
+    pub(super) fn modes(&self, hypothesis: &Hypothesis) -> usize {
+        self.chain.parts.modes.len() + hypothesis.installed.iter().map(|i| i.modes).sum::<usize>()
+    }
+
     /// Coordinates that all logs share.
     pub fn shared(&self, hypothesis: &Hypothesis) -> usize {
         let own = |axis: &&Axis| !axis.parameter.is_of_each_log();
         self.free.len() + hypothesis.installed.iter().map(|i| i.axes.iter().filter(own).count()).sum::<usize>()
     }
 
-    /// Coordinates of a log's start.
+    /// Coordinates of a log's start: volts before, hysterons, displacement and velocity, those of each oscillator, what else remembers.
     pub(super) fn start_count(&self, hypothesis: &Hypothesis) -> usize {
         let held = self.hysterons(hypothesis) + usize::from(hypothesis.remembers());
         match hypothesis.freedom {
             Freedom::Relaxed => 0,
             Freedom::Rest => 1 + held,
-            Freedom::Any => 3 + held,
+            Freedom::Any => 3 + held + 2 * self.modes(hypothesis),
         }
     }
 
@@ -567,7 +402,8 @@ impl<'a> Bench<'a> {
                 }
             }
             if hypothesis.freedom == Freedom::Any {
-                for rule in &mut rules[at + 1..at + 3 + self.hysterons(hypothesis)] {
+                let moving = 2 + 2 * self.modes(hypothesis);
+                for rule in &mut rules[at + 1..at + 1 + self.hysterons(hypothesis) + moving] {
                     (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
                 }
             }
@@ -683,8 +519,15 @@ impl<'a> Bench<'a> {
         }
         if hypothesis.freedom == Freedom::Any {
             let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
-            start.state.displacement_m += 0.1 * self.stroke_m * own[1 + count];
-            start.state.velocity_m_per_s += 0.1 * self.stroke_m * turning_per_s * own[2 + count];
+            let moved = |at: usize, turning_per_s: f64| {
+                let way_m = 0.1 * self.stroke_m;
+                [way_m * own[at], way_m * turning_per_s * own[at + 1]]
+            };
+            let [moved_m, moved_m_per_s] = moved(1 + count, turning_per_s);
+            start.state.displacement_m += moved_m;
+            start.state.velocity_m_per_s += moved_m_per_s;
+            let modes = chain.parts.modes.iter().enumerate().take(self.modes(hypothesis));
+            start.modes = modes.map(|(i, mode)| moved(3 + count + 2 * i, TAU * mode.hz)).collect();
         }
         start
     }

@@ -4,7 +4,8 @@
 //! are almost flat (a capacitance against a dead zone, the slope of a fast hysteron). Counted in a unit much larger than the noise,
 //! the priors hold the nominal numbers together until the fit is near.
 
-use super::bench::{Bench, Freedom, Hypothesis, Rule, add_priors, factor, pin_idle};
+use super::bench::{Bench, Rule, add_priors, factor, pin_idle};
+use super::hypothesis::{Freedom, Hypothesis};
 use super::normal::{Normal, Sensitivities, Sums, evaluate};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;

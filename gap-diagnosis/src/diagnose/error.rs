@@ -1,6 +1,7 @@
 //! What makes a diagnosis impossible, and what it must be warned of: judged from the logs before anything is fitted.
 
-use super::bench::{Bench, Freedom, Hypothesis};
+use super::bench::Bench;
+use super::hypothesis::{Freedom, Hypothesis};
 use super::normal::reader;
 use plant_sim::log::{self, Log};
 use rayon::prelude::*;

@@ -213,7 +213,7 @@ pub(super) fn by_symmetry<F: Into<Vec<Freed>>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::bench::Freedom;
+    use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
     use plant_sim::log::Log;

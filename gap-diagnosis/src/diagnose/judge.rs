@@ -1,11 +1,11 @@
 //! The course of a diagnosis: refit, screen, fit, pair, judge.
 
-use super::bench::{Freedom, Hypothesis};
 use super::directions::{Directions, FREED_AT_NOISE, FREED_BESIDES, MOSTLY, NEARLY_ALL, is_large, pays_alone};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SHARPNESS, probabilities};
 use super::explanation::{Explanation, Promised, bent, by_scatter, by_symmetry, left_of_worst_log, scatter_of_logs};
 use super::fits::{AS_WELL, FOUND, Fits, PAIR_BEYOND};
 use super::hidden::{Quiet, below_noise};
+use super::hypothesis::{Freedom, Hypothesis};
 use super::octaves::{Octave, left_of_worst_octave, octaves_of, widened};
 use super::refit::{
     AT_NOISE, BENT_COST, come_home, gap_over_least, has_gap, is_bent, led_without_one, nominal, refitted,

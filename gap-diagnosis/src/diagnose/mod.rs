@@ -1,6 +1,6 @@
 //! Diagnosis: where a nominal plant and its bench differ, which effect makes the difference, and how far it shrinks.
 //!
-//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`]), normal equations in chunks
+//! The course, one file each: what the logs say before any fit ([`records`]), what is fitted ([`mod@bench`], [`hypothesis`]), normal equations in chunks
 //! ([`normal`]), the annealed descent ([`descend`]), the nominal plant refitted (`refit`), the score test over the registry ([`screen`])
 //! and where its shapes promise most (`refine`), full fits ([`search`], in the order of `fits`), what only scatter tells ([`spread`], and
 //! `octaves`: whether it is noise) and what that hides (`hidden`), periods over place ([`cycles`]), which commands and readings were lost
@@ -25,6 +25,7 @@ pub mod explanation;
 mod fits;
 mod gap;
 mod hidden;
+pub mod hypothesis;
 pub mod judge;
 pub mod lines;
 mod next;
@@ -54,8 +55,9 @@ pub use next::NextExperiment;
 pub(crate) use verdict::leading;
 pub use verdict::{Class, Ranked, Verdict};
 
-use bench::{Bench, Freedom};
+use bench::Bench;
 use events::{Losses, Lost};
+use hypothesis::Freedom;
 use plant_sim::effects;
 use plant_sim::log::Log;
 use plant_sim::model::Model;

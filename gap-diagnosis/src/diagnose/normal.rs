@@ -1,7 +1,8 @@
 //! Normal equations by re-simulation, in chunks: every perturbed chain runs in lockstep with the unperturbed one, so that no
 //! sensitivity is ever stored. Ten minutes at 20 kHz cost what the logs themselves take.
 
-use super::bench::{Bench, Hypothesis, Record};
+use super::bench::{Bench, Record};
+use super::hypothesis::Hypothesis;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::{Chain, Sensor};
 use plant_sim::log::Log;
@@ -451,7 +452,7 @@ impl Normal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::bench::Freedom;
+    use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
     use plant_sim::effects::find;

@@ -3,7 +3,8 @@
 //! A log that no fit has seen gives one thing away: how it begins, from its first stretch, which is then not scored. That is the plant's state, the
 //! phase of what swings, and how the sensor was set.
 
-use super::bench::{Bench, Freedom, Hypothesis, Installed, Record};
+use super::bench::{Bench, Record};
+use super::hypothesis::{Freedom, Hypothesis, Installed};
 use super::normal::reader;
 use super::records::{record, share_noise};
 use super::starts::{Settled, play_log, scored_from, settle, sought};
@@ -274,13 +275,14 @@ pub(super) fn carry(
             let mut copy = |place: usize, origin: usize, count: usize| {
                 carried[into + place..into + place + count].copy_from_slice(&z[at + origin..at + origin + count]);
             };
-            // The volts before and the hysterons, then displacement and velocity, then what else remembers.
+            // The volts before and the hysterons, then what moves, then what else remembers.
             let hysterons = [there.hysterons(to), here.hysterons(from)];
             if old.min(new) > 0 {
                 copy(0, 0, 1 + hysterons[0].min(hysterons[1]));
             }
             if [from.freedom, to.freedom] == [Freedom::Any; 2] {
-                copy(1 + hysterons[0], 1 + hysterons[1], 2);
+                let modes = there.modes(to).min(here.modes(from));
+                copy(1 + hysterons[0], 1 + hysterons[1], 2 + 2 * modes);
             }
             if old.min(new) > 0 && from.remembers() && to.remembers() {
                 copy(new - 1, old - 1, 1);

@@ -59,7 +59,8 @@ pub fn refine(forms: &mut [Scored], score: impl Fn(Vec<Block>) -> Vec<Option<Sco
 
 #[cfg(test)]
 mod tests {
-    use crate::diagnose::bench::{Bench, Freedom};
+    use crate::diagnose::bench::Bench;
+    use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
     use crate::diagnose::screen::Starts;
     use crate::diagnose::search::Search;

@@ -1,6 +1,6 @@
 //! The nominal plant refitted, from as many starts as it takes, and whether that leaves a gap.
 
-use super::bench::Freedom;
+use super::hypothesis::Freedom;
 use super::search::{Candidate, Search, middle};
 use super::symmetry::along;
 

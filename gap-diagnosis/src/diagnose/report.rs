@@ -248,8 +248,13 @@ impl Diagnosis {
                 ),
             }
         };
+        let effects = rival.effects.join(" + ");
         RivalView {
-            effect: rival.effects.join(" + "),
+            effect: if rival.numbers.is_empty() {
+                effects
+            } else {
+                format!("{effects} ({})", rival.numbers.join(", "))
+            },
             rms_over_noise: rival.rms_over_noise,
             prior_cost: rival.prior_cost,
             probability: rival.probability,
@@ -381,6 +386,7 @@ mod tests {
     #[test]
     fn a_rival_that_misses_a_part_of_the_gap_is_said_to() {
         let rival = |left, of_worst| Rival {
+            numbers: Vec::new(),
             effects: vec!["thermal_gain".to_owned()],
             rms_over_noise: 1.4,
             prior_cost: 9.0,

@@ -4,9 +4,10 @@
 //! starts and effects already found can imitate is projected out. Amplitudes are then solved for linearly, so that the whole registry
 //! costs one simulation for each direction.
 
-use super::bench::{Axis, Bench, Hypothesis, Record, add_priors, factor, pin_idle};
+use super::bench::{Bench, Record, add_priors, factor, pin_idle};
 use super::cycles;
 use super::descend::{Found, noise_weights};
+use super::hypothesis::{Axis, Hypothesis};
 use super::lines::{lines, resonances};
 use super::normal::{Beside, CHUNK, Lockstep, Sensitivities, Sums, at};
 use super::plants::carry;

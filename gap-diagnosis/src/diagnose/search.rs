@@ -1,7 +1,8 @@
 //! The search: refit of the nominal plant, screening, full fits of what survives, alone and in pairs.
 
-use super::bench::{Bench, Freedom, Hypothesis, Record};
+use super::bench::{Bench, Record};
 use super::descend::{Found, LAST_STAGES, STAGES, descend, noise_weights};
+use super::hypothesis::{Freedom, Hypothesis};
 use super::normal::{Sensitivities, evaluate, reader};
 use super::plants::carry;
 use super::screen::{Lead, Starts, screen};
@@ -530,8 +531,43 @@ mod tests {
     use super::*;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
+    use plant_sim::effects::find;
     use plant_sim::log::Log;
     use plant_sim::replay::{Start, predict};
+
+    /// Logs cut out of longer ones, while a mode that the plant's file lacks still rings.
+    #[test]
+    fn a_mode_that_swings_when_the_log_begins_is_fitted_as_it_is() {
+        let (model, dt_s) = (thesis(), 5e-5);
+        let mode = find("vibration_mode").expect("an entry");
+        let attached = &mode.forms()[0];
+        let mut chain = model.chain();
+        (attached.install)(&mut chain, &[0.05, 900.0, 0.005]);
+        let log = |step_v: f64| {
+            let volts = |k: usize| if k < 900 { step_v } else { step_v + 2.0 * (0.03 * (k - 900) as f64).sin() };
+            let mut log = Log { dt_s, command_v: (0..3000).map(volts).collect(), ..Log::default() };
+            log.displacement_m = vec![0.0; log.command_v.len()];
+            log.displacement_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+            log.command_v.drain(..200);
+            log.displacement_m.drain(..200);
+            log
+        };
+        let logs = [log(4.0), log(-3.0)];
+        let records = logs.iter().map(|log| Record { noise_m: 5e-9, run_in: 0, ..record(log, &model.chain(), None) });
+        let bench = Bench::new(&model, records.collect());
+        let hypothesis = Hypothesis::nominal(Freedom::Any).with(mode, attached, &bench.scales());
+        let simulations = AtomicUsize::new(0);
+        let mut z = bench.origin(&hypothesis);
+        bench.set_last(&hypothesis, &mut z, &[0.03, 905.0, 0.01]);
+        let found = descend(&bench, &hypothesis, z, &STAGES, 0.0, &simulations);
+        let search = Search { bench: &bench, simulations: &simulations };
+        let candidate = search.candidate(hypothesis, found);
+        let [ratio, hz, damping_ratio] = bench.values(&candidate.hypothesis, &candidate.found.z, 0)[0][..] else {
+            panic!("three numbers")
+        };
+        assert!(candidate.chi < 0.01, "{}", candidate.chi);
+        assert!((ratio - 0.05).abs() < 2e-3 && (hz - 900.0).abs() < 1.0 && (damping_ratio - 0.005).abs() < 5e-4);
+    }
 
     #[test]
     fn rows_that_were_lost_say_nothing_of_how_well_a_fit_is_known() {

@@ -3,7 +3,8 @@
 //! A hysteron that rests inside its dead zone shows what it holds when it moves, and not before: a first stretch leaves much open. Most logs begin
 //! relaxed, and a stretch that agrees with that to the noise is hardly there by chance.
 
-use super::bench::{Bench, Freedom, Hypothesis, Record, Rule, add_priors};
+use super::bench::{Bench, Record, Rule, add_priors};
+use super::hypothesis::{Freedom, Hypothesis};
 use super::normal::{self, reader};
 use super::plants::Played;
 use crate::residual::samples_per_independent;

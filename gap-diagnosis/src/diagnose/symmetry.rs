@@ -4,8 +4,9 @@
 //! them apart (the exact symmetries of the input-output map, `thesis.md` section 1). That is decided here in parameter space, at the
 //! weight of the noise, without a simulation: how much cheaper do the shifts become if one direction is free?
 
-use super::bench::{Bench, Hypothesis, Rule, add_priors, pin_idle};
+use super::bench::{Bench, Rule, add_priors, pin_idle};
 use super::descend::Found;
+use super::hypothesis::Hypothesis;
 use super::refit::BENT_COST;
 use super::search::{Candidate, Search};
 use crate::identify::parameters::Quantity;

@@ -1,6 +1,7 @@
 //! What another log may be expected to have of what belongs to each: a drift that comes back, the phase of a line, how the sensor was set.
 
-use super::bench::{Bench, Hypothesis, factor};
+use super::bench::{Bench, factor};
+use super::hypothesis::Hypothesis;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::Scope;
 

@@ -303,7 +303,7 @@ pub(super) fn differing<'i>(a: &[&'i str], b: &[&'i str]) -> Option<[&'i str; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::bench::Freedom;
+    use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
     use crate::diagnose::spread::Scattered;
     use crate::diagnose::thesis;

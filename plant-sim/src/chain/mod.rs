@@ -297,6 +297,29 @@ impl Simulator {
         self.readout.rest_at(self.seen_m());
     }
 
+    /// Moves the chain's oscillators, of which `modes` is the list, by so much from where they rest: metres and m/s.
+    pub fn swing(&mut self, modes: &[Mode], from_rest: &[[f64; 2]]) {
+        if from_rest.is_empty() || self.linear.is_some() {
+            return;
+        }
+        let first_mode = self.plant.hysterons.len() + 2;
+        let mut states = self.stepper.states().to_vec();
+        let mut inside = states[first_mode..][..2 * self.modes.len()].chunks_exact_mut(2);
+        let are_apart = !self.outside.is_empty();
+        let mut outside = self.outside.iter_mut();
+        for (mode, moved) in modes.iter().zip(from_rest) {
+            if are_apart && matches!(mode.joint, Joint::Parallel { .. }) {
+                if let Some((_, mode)) = outside.next() {
+                    mode.set_state(&[mode.state(0) + moved[0], mode.state(1) + moved[1]]);
+                }
+            } else if let Some(state) = inside.next() {
+                state.iter_mut().zip(moved).for_each(|(state, moved)| *state += moved);
+            }
+        }
+        self.stepper.set_state(&states);
+        self.readout.rest_at(self.seen_m());
+    }
+
     /// The state at the present sample's start.
     pub fn state(&self) -> PhsState {
         unpack(self.stepper.as_ref(), self.plant.hysterons.len())
