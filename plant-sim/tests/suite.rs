@@ -17,3 +17,4 @@ mod parts;
 mod phs;
 mod spec;
 mod stability;
+mod starts;
