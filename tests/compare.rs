@@ -66,6 +66,17 @@ fn transfer_functions_and_bouc_wen_are_fitted_by_name() {
     let output = run(&folder, &format!("{} --order 2,0", fit("transfer-function")));
     succeeded(&output);
     assert!(stdout(&output).contains("2 poles, 0 zeros"), "{}", stdout(&output));
+    let call = "identify --model transfer-function @/linear.csv --initial relaxed --out @/any-order.toml";
+    succeeded(&run(&folder, call));
+    let page = std::fs::read_to_string(folder.path("any-order.html")).expect("a page");
+    for shown in [
+        "poles and 0 zeros explain",
+        "denominator_1",
+        "Orders that were tried",
+        "Best linear approximation, linear.csv",
+    ] {
+        assert!(page.contains(shown), "{shown}");
+    }
     let output = run(&folder, &format!("{} --order 2,0 --json", fit("transfer-function")));
     let found = json(&output);
     assert_eq!(found["parameters"][0]["name"], "denominator_1");

@@ -5,8 +5,8 @@
 
 use gap_diagnosis::locate::{Trace, locate};
 use gap_diagnosis::page::{
-    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
-    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
+    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, Ink, ModelResponse,
+    NextView, RankView, ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
 };
 use std::f64::consts::TAU;
 
@@ -131,10 +131,9 @@ fn main() -> std::io::Result<()> {
             ),
             measured_um_per_v: gain(820.0),
             measured_deg: phase(820.0),
-            nominal_um_per_v: gain(900.0),
-            nominal_deg: phase(900.0),
-            augmented_um_per_v: gain(821.0),
-            augmented_deg: phase(821.0),
+            models: [("nominal", Ink::Error, 900.0), ("with the effects", Ink::Model, 821.0)]
+                .map(|(name, ink, hz)| ModelResponse { name, ink, gain_um_per_v: gain(hz), phase_deg: phase(hz) })
+                .to_vec(),
             noise_um_per_v: frequency_hz.iter().map(|_| 1e-3).collect(),
             distortion_um_per_v: frequency_hz.iter().map(|f| 0.02 / f.sqrt()).collect(),
             coherence: frequency_hz.iter().map(|f| 1.0 - 1e-4 * f).collect(),

@@ -135,6 +135,8 @@ fn main() -> std::io::Result<()> {
             },
         ],
         starts: &starts,
+        orders: &[],
+        responses: &[],
         metrics: &[
             ("AIC".into(), "−84210".into()),
             ("BIC".into(), "−84158".into()),

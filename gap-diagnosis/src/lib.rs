@@ -8,5 +8,6 @@ pub mod locate;
 pub mod page;
 pub mod reproduce;
 pub mod residual;
+pub mod responses;
 pub mod score;
 pub mod spectra;

@@ -208,6 +208,8 @@ fn long_runs_and_many_logs_stay_below_a_megabyte_and_a_half() {
             note: "no excitation",
         }],
         starts: &[StartView { initial_rms_um: 2.0, final_rms_um: 0.1 }],
+        orders: &[],
+        responses: &[],
         metrics: &[],
         warnings: &[],
         provenance: &[],

@@ -4,8 +4,8 @@ use crate::common::{HOSTILE, assert_fetches_nothing, attribute, dom_after, drawi
 use gap_diagnosis::locate::{Trace, Where, locate};
 use gap_diagnosis::page::{
     Axis, BarItem, BarList, ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView,
-    HeatMap, HeatScale, Ink, NextView, Page, RankView, ResponseView, RivalView, ShareView, Strip, UnexplainedView,
-    diagnosis_page,
+    HeatMap, HeatScale, Ink, ModelResponse, NextView, Page, RankView, ResponseView, RivalView, ShareView, Strip,
+    UnexplainedView, diagnosis_page,
 };
 
 /// A log of `n` samples at 20 kHz, rough enough that thinning can't make it small.
@@ -97,6 +97,12 @@ fn view(text: &str, logs: Vec<DiagnosedLog>) -> DiagnosisView {
             caption: owned(),
             measured_um_per_v: falling.clone(),
             measured_deg: falling.clone(),
+            models: vec![ModelResponse {
+                name: "nominal",
+                ink: Ink::Error,
+                gain_um_per_v: falling.clone(),
+                phase_deg: falling.clone(),
+            }],
             noise_um_per_v: falling.clone(),
             coherence: falling,
             frequency_hz,

@@ -1,13 +1,15 @@
 //! `hysteron identify --compare`: every kind of model on the same logs; and transfer functions alone.
 
-use super::identify::{MOST_ROWS, log_json};
+use super::identify::{Fitted, MOST_ROWS, log_json, worst_percent};
 use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::identify::compare::{Candidate, compare as rank};
 use gap_diagnosis::identify::tfest::{Estimate, tfest};
 use gap_diagnosis::identify::{From, Options};
-use gap_diagnosis::page::{CompareView, ComparedModel, compare_page, four_digits};
+use gap_diagnosis::page::{
+    CompareView, ComparedModel, FittedParameter, IdentifyView, OrderView, compare_page, four_digits,
+};
 use plant_sim::log;
 use plant_sim::model::{Kind, Model};
 
@@ -126,11 +128,12 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
     let model = best.model();
     model.write(&call.out)?;
     output::warn(&warnings);
-    let percent = |e: &Estimate| e.logs.iter().map(|l| l.fit_percent).fold(f64::INFINITY, f64::min);
+    let percent = |e: &Estimate| worst_percent(&e.logs);
+    let [aic, bic] = best.aic_bic();
+    let coefficients = best.coefficients();
     if call.show.json {
-        let [aic, bic] = best.aic_bic();
         let json = serde_json::json!({
-            "parameters": best.coefficients().iter().map(|c| serde_json::json!({
+            "parameters": coefficients.iter().map(|c| serde_json::json!({
                 "name": c.name, "value": c.value, "sigma": c.sigma,
             })).collect::<Vec<_>>(),
             "logs": best.logs.iter().map(log_json).collect::<Vec<_>>(),
@@ -150,6 +153,34 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
             output::line(&format!("  {} poles, {} zeros: rms {rms}, fit {:.3} %", e.order, e.zeros, percent(e)));
         }
         output::line(&format!("model: {}", call.out.display()));
+    }
+    if let Some(path) = output::page_path(&call.show, &call.out) {
+        let facts = [
+            ("fit".to_owned(), four_digits(percent(best), "%")),
+            ("rms residual".to_owned(), four_digits(best.rms_m * 1e6, "µm")),
+            ("AIC".to_owned(), format!("{aic:.0}")),
+            ("BIC".to_owned(), format!("{bic:.0}")),
+        ];
+        let parameters: Vec<FittedParameter<'_>> = coefficients
+            .iter()
+            .map(|c| FittedParameter {
+                name: &c.name,
+                unit: "",
+                value: c.value,
+                sigma: Some(c.sigma / c.value.abs()).filter(|sigma| sigma.is_finite()),
+                prior: f64::NAN,
+                note: "",
+            })
+            .collect();
+        let orders: Vec<OrderView> = found
+            .iter()
+            .map(|e| OrderView { poles: e.order, zeros: e.zeros, rms_um: e.rms_m * 1e6, fit_percent: percent(e) })
+            .collect();
+        let explains = format!("{} poles and {} zeros explain", best.order, best.zeros);
+        let fitted =
+            Fitted { model: &model, explains: &explains, logs: &best.logs, facts: &facts, warnings: &warnings };
+        let view = IdentifyView { parameters: &parameters, orders: &orders, ..IdentifyView::default() };
+        output::save_page(&fitted.page(call, &logs, view), &path, call.show.json)?;
     }
     Ok(())
 }

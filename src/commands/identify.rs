@@ -4,7 +4,8 @@ use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::identify::{self, Fit, From, LogFit, Options, Verdict};
-use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, StartView, four_digits, identify_page};
+use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, Ink, Page, StartView, four_digits, identify_page};
+use gap_diagnosis::responses::{Played, responses};
 use plant_sim::log::{self, Log};
 use plant_sim::model::{Kind, Model};
 
@@ -80,13 +81,12 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
 
 /// What the fit is judged by.
 fn facts(fit: &Fit) -> Vec<(String, String)> {
-    let worst = |value: fn(&LogFit) -> f64| fit.logs.iter().map(value).fold(f64::INFINITY, f64::min);
     let largest = |value: fn(&LogFit) -> f64| fit.logs.iter().map(value).fold(0.0, f64::max);
     let lags: usize = fit.logs.iter().map(|l| l.autocorrelation.correlation.len() - 1).sum();
     let outside: usize = fit.logs.iter().map(|l| l.autocorrelation.outside()).sum();
     let reached = fit.starts_rms_m.iter().filter(|rms| **rms < 1.01 * fit.starts_rms_m[0]).count();
     vec![
-        ("fit".to_owned(), four_digits(worst(|l| l.fit_percent), "%")),
+        ("fit".to_owned(), four_digits(worst_percent(&fit.logs), "%")),
         ("rms residual".to_owned(), four_digits(largest(|l| l.rms_m) * 1e6, "um")),
         ("noise".to_owned(), four_digits(largest(|l| l.noise_m) * 1e6, "um")),
         ("correlated lags".to_owned(), format!("{outside} of {lags}")),
@@ -127,7 +127,7 @@ fn json(fit: &Fit) -> serde_json::Value {
     serde_json::json!({
         "parameters": parameters,
         "logs": fit.logs.iter().map(log_json).collect::<Vec<_>>(),
-        "fit_percent": fit.logs.iter().map(|l| l.fit_percent).fold(f64::INFINITY, f64::min),
+        "fit_percent": worst_percent(&fit.logs),
         "aic": fit.aic,
         "bic": fit.bic,
         "hysterons": fit.model.actuator.hysterons.len(),
@@ -154,44 +154,7 @@ struct Columns {
     predicted_um: Vec<f64>,
 }
 
-fn page(
-    call: &IdentifyCall,
-    logs: &[Log],
-    fit: &Fit,
-    facts: &[(String, String)],
-    warnings: &[String],
-) -> gap_diagnosis::page::Page {
-    let columns: Vec<Columns> = logs
-        .iter()
-        .zip(&fit.logs)
-        .map(|(log, fitted)| Columns {
-            time_s: (0..log.len()).map(|k| log.time_s(k)).collect(),
-            measured_um: log
-                .displacement_m
-                .iter()
-                .enumerate()
-                .map(|(k, y)| if k < fitted.run_in_rows { f64::NAN } else { y * 1e6 })
-                .collect(),
-            predicted_um: fitted.predicted_m.iter().map(|y| y * 1e6).collect(),
-        })
-        .collect();
-    let shown: Vec<FittedLog<'_>> = logs
-        .iter()
-        .zip(&fit.logs)
-        .zip(&columns)
-        .map(|((log, fitted), columns)| FittedLog {
-            name: &fitted.name,
-            time_s: &columns.time_s,
-            command_v: &log.command_v,
-            measured_um: &columns.measured_um,
-            predicted_um: &columns.predicted_um,
-            autocorrelation: &fitted.autocorrelation.correlation,
-            n_residuals: log.len() - fitted.run_in_rows,
-            rms_um: fitted.rms_m * 1e6,
-            noise_um: fitted.noise_m * 1e6,
-            fit_percent: fitted.fit_percent,
-        })
-        .collect();
+fn page(call: &IdentifyCall, logs: &[Log], fit: &Fit, facts: &[(String, String)], warnings: &[String]) -> Page {
     let parameters: Vec<FittedParameter<'_>> = fit
         .parameters
         .iter()
@@ -209,23 +172,92 @@ fn page(
         .iter()
         .map(|rms_m| StartView { initial_rms_um: f64::NAN, final_rms_um: rms_m * 1e6 })
         .collect();
-    let worst = fit.logs.iter().map(|l| l.fit_percent).fold(f64::INFINITY, f64::min);
-    identify_page(&IdentifyView {
-        title: "Identification",
-        subtitle: &fit.model.name,
-        headline: &format!(
-            "{} {worst:.2} % of {}.",
-            match fit.model.kind {
-                Kind::Phs => format!("{} hysterons explain", fit.model.actuator.hysterons.len()),
-                kind => format!("A plant of kind {} explains", kind.name()),
-            },
+    let explains = match fit.model.kind {
+        Kind::Phs => format!("{} hysterons explain", fit.model.actuator.hysterons.len()),
+        kind => format!("A plant of kind {} explains", kind.name()),
+    };
+    let fitted = Fitted { model: &fit.model, explains: &explains, logs: &fit.logs, facts, warnings };
+    let view = IdentifyView { parameters: &parameters, starts: &starts, ..IdentifyView::default() };
+    fitted.page(call, logs, view)
+}
+
+/// What the page of any kind of model shows.
+pub(super) struct Fitted<'a> {
+    pub model: &'a Model,
+    /// Subject and verb of the headline.
+    pub explains: &'a str,
+    pub logs: &'a [LogFit],
+    pub facts: &'a [(String, String)],
+    pub warnings: &'a [String],
+}
+
+impl Fitted<'_> {
+    /// The page, where `view` has what is this kind's own.
+    pub fn page(&self, call: &IdentifyCall, logs: &[Log], view: IdentifyView<'_>) -> Page {
+        let columns: Vec<Columns> = logs
+            .iter()
+            .zip(self.logs)
+            .map(|(log, fitted)| Columns {
+                time_s: (0..log.len()).map(|k| log.time_s(k)).collect(),
+                measured_um: log
+                    .displacement_m
+                    .iter()
+                    .enumerate()
+                    .map(|(k, y)| if k < fitted.run_in_rows { f64::NAN } else { y * 1e6 })
+                    .collect(),
+                predicted_um: fitted.predicted_m.iter().map(|y| y * 1e6).collect(),
+            })
+            .collect();
+        let shown: Vec<FittedLog<'_>> = logs
+            .iter()
+            .zip(self.logs)
+            .zip(&columns)
+            .map(|((log, fitted), columns)| FittedLog {
+                name: &fitted.name,
+                time_s: &columns.time_s,
+                command_v: &log.command_v,
+                measured_um: &columns.measured_um,
+                predicted_um: &columns.predicted_um,
+                autocorrelation: &fitted.autocorrelation.correlation,
+                n_residuals: log.len() - fitted.run_in_rows,
+                rms_um: fitted.rms_m * 1e6,
+                noise_um: fitted.noise_m * 1e6,
+                fit_percent: fitted.fit_percent,
+            })
+            .collect();
+        let played: Vec<Played<'_>> = logs
+            .iter()
+            .zip(self.logs)
+            .map(|(log, fitted)| Played {
+                name: &fitted.name,
+                dt_s: log.dt_s,
+                period_samples: log.meta.period_samples,
+                drive_v: &log.command_v,
+                measured_m: &log.displacement_m,
+                models: vec![("fitted", Ink::Model, &fitted.predicted_m)],
+            })
+            .collect();
+        let headline = format!(
+            "{} {:.2} % of {}.",
+            self.explains,
+            worst_percent(self.logs),
             if logs.len() == 1 { "the log".to_owned() } else { format!("the worst of {} logs", logs.len()) }
-        ),
-        logs: &shown,
-        parameters: &parameters,
-        starts: &starts,
-        metrics: facts,
-        warnings,
-        provenance: &output::provenance(Some(call.seed)),
-    })
+        );
+        identify_page(&IdentifyView {
+            title: "Identification",
+            subtitle: &self.model.name,
+            headline: &headline,
+            logs: &shown,
+            responses: &responses(&played),
+            metrics: self.facts,
+            warnings: self.warnings,
+            provenance: &output::provenance(Some(call.seed)),
+            ..view
+        })
+    }
+}
+
+/// Fit percent of the log that is fitted worst.
+pub(super) fn worst_percent(logs: &[LogFit]) -> f64 {
+    logs.iter().map(|log| log.fit_percent).fold(f64::INFINITY, f64::min)
 }

@@ -4,16 +4,12 @@ use super::answer::{Diagnosis, LogEvidence, Rival};
 use super::verdict::{Verdict, probability};
 use crate::locate::strongest;
 use crate::page::{
-    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, Page, RankView,
-    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
+    ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, Ink, NextView, Page,
+    RankView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
 };
-use crate::spectra::{best_linear, frf, segment_samples};
+use crate::responses::{Played, responses};
 use plant_sim::effects::find;
 
-/// Lines that a multisine has at least; fewer are a sine.
-const LEAST_LINES: usize = 20;
-/// Frequency responses on the page.
-const MOST_RESPONSES: usize = 2;
 /// A fit whose numbers shift by more than this, in squares of sigma, bends the plant.
 const BENT: f64 = 40.0;
 /// .. and one that leaves more than this doesn't explain.
@@ -167,7 +163,7 @@ impl Diagnosis {
             location: Some(self.location.clone()),
             location_after: self.evidence.location_after.clone(),
             logs: self.evidence.logs.iter().map(diagnosed).collect(),
-            responses: responses(&self.evidence.logs),
+            responses: responses(&self.evidence.logs.iter().map(played).collect::<Vec<_>>()),
             rivals: self.evidence.rivals.iter().map(|rival| self.rival(rival)).collect(),
             unexplained: (self.unexplained.rms_um > 0.0).then(|| UnexplainedView {
                 rms_um: self.unexplained.rms_um,
@@ -295,73 +291,15 @@ fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
     }
 }
 
-/// Responses of the logs with a multisine; without one, Welch's of the longest log.
-fn responses(logs: &[LogEvidence]) -> Vec<ResponseView> {
-    let mut found: Vec<ResponseView> = logs.iter().filter_map(by_multisine).take(MOST_RESPONSES).collect();
-    if found.is_empty() {
-        let longest = logs.iter().max_by(|a, b| {
-            let seconds = |log: &LogEvidence| log.dt_s * log.measured_m.len() as f64;
-            seconds(a).total_cmp(&seconds(b))
-        });
-        found.extend(longest.and_then(by_welch));
+fn played(log: &LogEvidence) -> Played<'_> {
+    Played {
+        name: &log.name,
+        dt_s: log.dt_s,
+        period_samples: log.period_samples,
+        drive_v: &log.drive_v,
+        measured_m: &log.measured_m,
+        models: vec![("nominal", Ink::Error, &log.nominal_m), ("with the effects", Ink::Model, &log.augmented_m)],
     }
-    found
-}
-
-fn um_per_v(gain_m_per_v: &[f64]) -> Vec<f64> {
-    gain_m_per_v.iter().map(|gain| 1e6 * gain).collect()
-}
-
-fn degrees(phase_rad: &[f64]) -> Vec<f64> {
-    phase_rad.iter().map(|phase| phase.to_degrees()).collect()
-}
-
-/// A view of the responses, gain in m/V and phase in rad, of the measurement, the nominal and the diagnosed plant.
-fn view(title: String, caption: String, responses: [(&[f64], &[f64]); 3]) -> ResponseView {
-    let [measured, nominal, augmented] = responses;
-    ResponseView {
-        title,
-        caption,
-        measured_um_per_v: um_per_v(measured.0),
-        measured_deg: degrees(measured.1),
-        nominal_um_per_v: um_per_v(nominal.0),
-        nominal_deg: degrees(nominal.1),
-        augmented_um_per_v: um_per_v(augmented.0),
-        augmented_deg: degrees(augmented.1),
-        ..ResponseView::default()
-    }
-}
-
-fn by_multisine(log: &LogEvidence) -> Option<ResponseView> {
-    let of = |y: &[f64]| {
-        best_linear(&log.drive_v, y, log.dt_s, log.period_samples).filter(|r| r.frequency_hz.len() >= LEAST_LINES)
-    };
-    let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
-    let caption = format!(
-        "{} periods: what differs between them is noise; what differs between realisations is distortion.",
-        all[0].n_periods
-    );
-    let responses = all.each_ref().map(|of| (&of.gain_m_per_v[..], &of.phase_rad[..]));
-    Some(ResponseView {
-        noise_um_per_v: um_per_v(&all[0].noise_m_per_v),
-        distortion_um_per_v: um_per_v(&all[0].distortion_m_per_v),
-        frequency_hz: all[0].frequency_hz.clone(),
-        ..view(format!("Best linear approximation, {}", log.name), caption, responses)
-    })
-}
-
-fn by_welch(log: &LogEvidence) -> Option<ResponseView> {
-    let segment = segment_samples(log.measured_m.len());
-    let of = |y: &[f64]| frf(&log.drive_v, y, log.dt_s, segment);
-    let all = [of(&log.measured_m)?, of(&log.nominal_m)?, of(&log.augmented_m)?];
-    let caption = "By Welch's method; where the coherence is low, the drive holds too little power.".to_owned();
-    let responses = all.each_ref().map(|of| (&of.gain_m_per_v[..], &of.phase_rad[..]));
-    Some(ResponseView {
-        noise_um_per_v: um_per_v(&all[0].gain_sigma_m_per_v),
-        coherence: all[0].coherence.clone(),
-        frequency_hz: all[0].frequency_hz.clone(),
-        ..view(format!("Frequency response, {}", log.name), caption, responses)
-    })
 }
 
 /// By how much an error shrank, with its interval, or by how much it grew.

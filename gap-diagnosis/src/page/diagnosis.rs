@@ -4,7 +4,8 @@
 
 use super::location::location;
 use super::number::{count, short_percent, two_digits};
-use super::{Axis, BarItem, BarList, Chart, Ink, Page, Panel, Series, Share, escape, four_digits};
+use super::response::responses;
+use super::{Axis, BarItem, BarList, Chart, Ink, Page, Panel, ResponseView, Series, Share, escape, four_digits};
 use crate::locate::{Where, strongest};
 
 /// Ranked entries shown one by one; the others are summed.
@@ -186,35 +187,6 @@ pub struct DiagnosedLog {
     pub augmented_um: Vec<f64>,
     /// Rms of the log's noise.
     pub noise_um: f64,
-}
-
-/// A frequency response, by Welch's method or at the lines of a multisine. Columns not empty have the length of `frequency_hz`.
-#[derive(Debug, Clone, Default)]
-pub struct ResponseView {
-    /// Heading, e.g. which log.
-    pub title: String,
-    /// What was estimated how.
-    pub caption: String,
-    /// Frequencies, ascending.
-    pub frequency_hz: Vec<f64>,
-    /// Measured gain.
-    pub measured_um_per_v: Vec<f64>,
-    /// Measured phase.
-    pub measured_deg: Vec<f64>,
-    /// Gain of the nominal plant; empty for none.
-    pub nominal_um_per_v: Vec<f64>,
-    /// Its phase; empty for none.
-    pub nominal_deg: Vec<f64>,
-    /// Gain with the named effects; empty for none.
-    pub augmented_um_per_v: Vec<f64>,
-    /// Its phase; empty for none.
-    pub augmented_deg: Vec<f64>,
-    /// Standard deviation of the measured gain by noise; empty for none.
-    pub noise_um_per_v: Vec<f64>,
-    /// .. by nonlinear distortion; empty for none.
-    pub distortion_um_per_v: Vec<f64>,
-    /// Coherence, 0 to 1; empty for none.
-    pub coherence: Vec<f64>,
 }
 
 /// An entry that was fitted and rejected.
@@ -518,65 +490,6 @@ fn logs(page: &mut Page, logs: &[DiagnosedLog]) {
         ];
         page.charts(Chart::linked_over_time(&format!("log {log_idx}"), &log.time_s, &panels));
     }
-}
-
-fn responses(page: &mut Page, responses: &[ResponseView]) {
-    for (idx, response) in responses.iter().enumerate() {
-        if idx == 0 {
-            page.section("Frequency response");
-        }
-        let key = format!("response {idx}");
-        page.chart(
-            Chart::spectrum(
-                &response.title,
-                &response.caption,
-                &response.frequency_hz,
-                Axis::log("gain", "µm/V"),
-                &present(&[
-                    ("measured", Ink::Measured, &response.measured_um_per_v),
-                    ("nominal", Ink::Error, &response.nominal_um_per_v),
-                    ("with the effects", Ink::Model, &response.augmented_um_per_v),
-                    ("distortion", Ink::Extra, &response.distortion_um_per_v),
-                    ("noise", Ink::Reference, &response.noise_um_per_v),
-                ]),
-            )
-            .wide()
-            .linked(&key),
-        );
-        let phases = present(&[
-            ("measured", Ink::Measured, &response.measured_deg),
-            ("nominal", Ink::Error, &response.nominal_deg),
-            ("with the effects", Ink::Model, &response.augmented_deg),
-        ]);
-        page.chart(
-            Chart::spectrum(
-                "Phase",
-                "A delay bends it down in proportion to the frequency, a lag only up to 90 degrees.",
-                &response.frequency_hz,
-                Axis::new("phase", "°"),
-                &phases,
-            )
-            .linked(&key),
-        );
-        if !response.coherence.is_empty() {
-            page.chart(
-                Chart::spectrum(
-                    "Coherence",
-                    "What of the output goes with the input in a linear way: less than one is noise, distortion or too little drive.",
-                    &response.frequency_hz,
-                    Axis::new("coherence", ""),
-                    &[Series { name: "measured", ink: Ink::Model, values: &response.coherence }],
-                )
-                .linked(&key),
-            );
-        }
-    }
-}
-
-/// Curves of the columns that are there.
-fn present<'a>(columns: &[(&'a str, Ink, &'a [f64])]) -> Vec<Series<'a>> {
-    let curves = columns.iter().map(|&(name, ink, values)| Series { name, ink, values });
-    curves.filter(|curve| !curve.values.is_empty()).collect()
 }
 
 fn rivals(page: &mut Page, rivals: &[RivalView]) {

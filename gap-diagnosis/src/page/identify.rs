@@ -2,7 +2,8 @@
 
 use super::number::{count, percent_of_sigma};
 use super::replay::{autocorrelation, overlay_and_residual};
-use super::{Axis, Chart, Ink, Loop, Page, Series, four_digits};
+use super::response::responses;
+use super::{Axis, Chart, Ink, Loop, Page, ResponseView, Series, four_digits};
 
 /// One log and how the fitted model reproduces it. The slices have one length.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +41,7 @@ pub struct FittedParameter<'a> {
     pub value: f64,
     /// Its relative standard deviation; `None` if the data leave it open.
     pub sigma: Option<f64>,
-    /// Value before the fit.
+    /// Value before the fit; NaN if there was none.
     pub prior: f64,
     /// What became of it, in plain words.
     pub note: &'a str,
@@ -55,8 +56,21 @@ pub struct StartView {
     pub final_rms_um: f64,
 }
 
-/// What an identification page shows.
+/// An order of a transfer function.
 #[derive(Debug, Clone, Copy)]
+pub struct OrderView {
+    /// Poles.
+    pub poles: usize,
+    /// Zeros.
+    pub zeros: usize,
+    /// Residual over all logs.
+    pub rms_um: f64,
+    /// Fit percent of the log that is fitted worst.
+    pub fit_percent: f64,
+}
+
+/// What an identification page shows.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct IdentifyView<'a> {
     /// Heading.
     pub title: &'a str,
@@ -70,6 +84,10 @@ pub struct IdentifyView<'a> {
     pub parameters: &'a [FittedParameter<'a>],
     /// Every start, in any order.
     pub starts: &'a [StartView],
+    /// Every order of a transfer function that was tried, the best first; empty for other kinds.
+    pub orders: &'a [OrderView],
+    /// Frequency responses of logs and of the fitted model.
+    pub responses: &'a [ResponseView],
     /// AIC, BIC, time and the like: label and value with unit.
     pub metrics: &'a [(String, String)],
     /// What the reader must know first.
@@ -88,11 +106,17 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
 
     page.section("Parameters");
     let rows: Vec<Vec<String>> = view.parameters.iter().map(parameter_row).collect();
-    page.table(
-        "Values with one standard deviation; what these logs can't see stays where it was before the fit and has none.",
-        &["parameter", "value", "sigma", "before", "change", "remark"],
-        &rows,
-    );
+    let columns = ["parameter", "value", "sigma", "before", "change", "remark"];
+    if view.parameters.iter().all(|parameter| parameter.prior.is_nan()) {
+        let rows: Vec<Vec<String>> = rows.iter().map(|row| row[..3].to_vec()).collect();
+        page.table("Values with one standard deviation; what these logs can't see has none.", &columns[..3], &rows);
+    } else {
+        page.table(
+            "Values with one standard deviation; what these logs can't see stays where it was before the fit and has none.",
+            &columns,
+            &rows,
+        );
+    }
 
     page.section("Fit");
     let rows: Vec<Vec<String>> = view
@@ -110,6 +134,8 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
         .collect();
     page.table("How well each log is reproduced", &["log", "samples", "rms residual", "noise", "fit"], &rows);
     convergence(&mut page, view.starts);
+    orders(&mut page, view.orders);
+    responses(&mut page, view.responses);
 
     for (log_idx, log) in view.logs.iter().enumerate() {
         page.section(log.name);
@@ -144,6 +170,26 @@ fn parameter_row(parameter: &FittedParameter<'_>) -> Vec<String> {
         },
         parameter.note.to_owned(),
     ]
+}
+
+fn orders(page: &mut Page, orders: &[OrderView]) {
+    if orders.is_empty() {
+        return;
+    }
+    let row = |order: &OrderView| {
+        vec![
+            order.poles.to_string(),
+            order.zeros.to_string(),
+            four_digits(order.rms_um, "µm"),
+            four_digits(order.fit_percent, "%"),
+        ]
+    };
+    let rows: Vec<Vec<String>> = orders.iter().map(row).collect();
+    page.table(
+        "Orders that were tried. The first has the least Bayesian criterion: what another explains more does not pay for its coefficients.",
+        &["poles", "zeros", "rms residual", "fit of the worst log"],
+        &rows,
+    );
 }
 
 fn convergence(page: &mut Page, starts: &[StartView]) {

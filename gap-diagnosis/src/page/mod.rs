@@ -19,6 +19,7 @@ mod location;
 mod matrix;
 mod number;
 mod replay;
+mod response;
 mod simulation;
 mod thin;
 
@@ -31,13 +32,14 @@ pub use compare::{CompareView, ComparedModel, compare_page};
 pub use design::{BodeView, DesignView, PlaneView, TableView, design_page, pole};
 pub use diagnosis::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, NextView, RankView,
-    ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page,
+    RivalView, ShareView, UnexplainedView, diagnosis_page,
 };
 pub use heat::{HeatMap, HeatScale, Strip};
-pub use identify::{FittedLog, FittedParameter, IdentifyView, StartView, identify_page};
+pub use identify::{FittedLog, FittedParameter, IdentifyView, OrderView, StartView, identify_page};
 pub use matrix::Matrix;
 pub use number::four_digits;
 pub use replay::{ReplayView, SpectrumView, replay_page};
+pub use response::{ModelResponse, ResponseView};
 pub use simulation::{SimulationView, simulation_page};
 pub use thin::{Spacing, decimate, thin_path};
 
