@@ -321,6 +321,17 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
     }
 }
 
+/// Two nulls of the opening of 0.16.0, which had a gain or a zero that each log has for itself, with one value in all of them: it had only led the refit out of
+/// where its starts had bent the numbers.
+#[test]
+fn a_setting_that_all_logs_share_has_only_unlocked_the_refit() {
+    for seed in asked([702_060_774_689_745_186, 10_107_909_399_233_505_302]) {
+        let request = Request { seed, subject: Subject::Null, split: Split::Report, size: Size::Short, strength: None };
+        let found = diagnosis_of(&format!("diagnose-shared-setting-{seed}"), &request);
+        assert_eq!(found["verdict"], "no_gap", "{}", found["ranking"]);
+    }
+}
+
 /// A start that its first stretch does not tell bends the numbers of all logs: what nothing explains is no gap once the others have led.
 #[test]
 fn a_gap_that_nothing_explains_may_be_a_locked_log() {

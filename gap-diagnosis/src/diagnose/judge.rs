@@ -191,7 +191,13 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
         let seek = |hypothesis: &Hypothesis| {
             cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
         };
-        for (fit, cost) in set_in_each_log(search, &refit, without, seek) {
+        let settings = set_in_each_log(search, &refit, without, seek);
+        // Where the refit is ordinary from there, the setting was none: it has only led the refit out of where its starts had locked it.
+        let mut led = settings.iter().map(|(fit, _)| search.refit_again(&refit, fit));
+        if let Some(led) = led.find(|led| !has_gap(led) && !is_bent(led) && cost_of_fit(search, led) < BENT_COST) {
+            return from(fitting, led);
+        }
+        for (fit, cost) in settings {
             scores.push(score_of(&fit, cost, more));
             explanations.push(Explanation::by_fit(&fit, 0.0, floor));
         }
@@ -201,12 +207,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
         if is_bent(&refit) {
             let led = led_without_one(search, refit.clone());
             if !has_gap(&led) && !is_bent(&led) {
-                let fitting = Fits { refit: &led, ..*fitting };
-                let scattered = super::spread::scattered(search.bench, &search.play(&led), true);
-                // Not one that is bent again, which would be led again.
-                let below = below_noise(&fitting).filter(|(refit, _)| !is_bent(refit));
-                let (refit, below) = below.unwrap_or_else(|| (led.clone(), Vec::new()));
-                return without_gap(&fitting, refit, scattered, &below);
+                return from(fitting, led);
             }
         }
         for (fit, cost) in ordinary(search, fitting.hidden_in_numbers().into_iter()) {
@@ -229,6 +230,17 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
     scores.push(-0.5 * cost);
     doubts.push(NO_UNKNOWN);
     judged(Course::new(refit, explanations, scattered), &scores, &doubts)
+}
+
+/// Explains the numbers of a refit that was led out of where it was bent.
+fn from(fitting: &Fits<'_>, led: Candidate) -> Course {
+    let bench = fitting.search.bench;
+    let fitting = Fits { refit: &led, ..*fitting };
+    let scattered = super::spread::scattered(bench, &fitting.search.play(&led), true);
+    // Not one that is bent again, which would be led again.
+    let below = below_noise(&fitting).filter(|(refit, _)| !is_bent(refit));
+    let (refit, below) = below.unwrap_or_else(|| (led.clone(), Vec::new()));
+    without_gap(&fitting, refit, scattered, &below)
 }
 
 /// What the shifts of a fit cost with none of its `directions` freed; what the mass is off by is a shift as well.
