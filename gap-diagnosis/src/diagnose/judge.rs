@@ -236,7 +236,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
 fn from(fitting: &Fits<'_>, led: Candidate) -> Course {
     let bench = fitting.search.bench;
     let fitting = Fits { refit: &led, ..*fitting };
-    let scattered = super::spread::scattered(bench, &fitting.search.play(&led), true);
+    let scattered = scattered(bench, &fitting.search.play(&led), true);
     // Not one that is bent again, which would be led again.
     let below = below_noise(&fitting).filter(|(refit, _)| !is_bent(refit));
     let (refit, below) = below.unwrap_or_else(|| (led.clone(), Vec::new()));
