@@ -321,6 +321,14 @@ fn a_log_that_its_start_has_locked_is_no_gap() {
     }
 }
 
+/// An arm with the target still rings when the logs begin, after a ramp back.
+#[test]
+fn a_mode_that_rings_at_the_start_is_named_with_the_start() {
+    let subject = Subject::Effects(vec![EffectId::VibrationMode, EffectId::InitialState]);
+    let found = diagnosis_of_calibrate("diagnose-ringing", 3_939_110_526_974_818_321, subject);
+    assert_eq!(list(&found["effects"]), ["vibration_mode", "initial_state"], "{}", found["ranking"]);
+}
+
 /// Two nulls of the opening of 0.16.0, which had a gain or a zero that each log has for itself, with one value in all of them: it had only led the refit out of
 /// where its starts had bent the numbers.
 #[test]

@@ -40,7 +40,7 @@ pub struct Start {
     pub state: PhsState,
     /// Volts that acted until the first command arrived.
     pub drive_v: f64,
-    /// How far each of the chain's oscillators, in their order, is from where it rests in metres, and its velocity in m/s; those beyond the
+    /// How far each of the chain's oscillators, its modes and then its arms, is from where it rests in metres, and its velocity in m/s; those beyond the
     /// list are at rest.
     pub modes: Vec<[f64; 2]>,
     /// What parts with a memory of their own (play, presliding friction) hold, as a share of the most they can: -1 to 1.
@@ -100,7 +100,7 @@ impl Player {
         let sample_s = sample_s / pieces as f64;
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         simulator.start_from(&start.state, start.drive_v);
-        simulator.swing(&chain.parts.modes, &start.modes);
+        simulator.swing(&chain.parts, &start.modes);
         simulator.remember(start.memory);
         Self { simulator, sample_s, pieces, hold, resampler: Resampler::default() }
     }

@@ -1,7 +1,7 @@
 //! How a log may begin: a drive held before it, oscillators that swing, and what friction and play remember.
 
 use crate::chain::{ROWS, SAMPLE_S, chain, distance, log};
-use plant_sim::chain::{Chain, Force, Held, Joint, Mode, Parts, Sensor, Simulator};
+use plant_sim::chain::{Arm, Chain, Force, Held, Joint, Mode, Parts, Sensor, Simulator};
 use plant_sim::log::Hold;
 use plant_sim::replay::{Start, predict};
 use std::f64::consts::TAU;
@@ -41,6 +41,14 @@ fn oscillators_that_swing_at_the_start_go_on_swinging() {
     let cut = |start: &Start| predict(&swinging, &log(command_v[ROWS..].to_vec(), Hold::Zoh, 0.0), start, ROWS);
     assert!(distance(&cut(&moving), &whole[ROWS..]) < 1e-15 && distance(&cut(&at_rest), &whole[ROWS..]) > 1e-8);
 
+    // So does an arm that carries the target, which pulls at nothing: it swings as it would at rest.
+    let carried = Chain {
+        parts: Parts { arms: vec![Arm { share: 0.5, rate_share: 0.0, hz, damping_ratio }], ..Parts::default() },
+        ..chain()
+    };
+    let start = Start { modes: vec![[2e-6, 0.0]], ..Start::relaxed(&carried) };
+    let arm = predict(&carried, &log(vec![0.0; ROWS], Hold::Zoh, 0.0), &start, ROWS);
+
     // Beside the plant: the sensor sees it turn, in the engine and where laws keep it out of the engine.
     let compliance_m_per_n = 1e-6;
     for forces in [Vec::new(), vec![Force::Presliding { coulomb_n: 0.1, presliding_m: 2e-6 }]] {
@@ -56,6 +64,7 @@ fn oscillators_that_swing_at_the_start_go_on_swinging() {
             1e-6 * (-damping_ratio * turning_per_s * t).exp() * wave
         };
         let expected: Vec<f64> = (0..ROWS).map(expected).collect();
+        assert!(distance(&arm, &expected) < 1e-15, "{:e}", distance(&arm, &expected));
         assert!(distance(&seen, &expected) < 1e-15, "{:e}", distance(&seen, &expected));
     }
 }

@@ -5,7 +5,7 @@ use super::hypothesis::{Axis, Freedom, Hypothesis, Installed};
 use crate::identify::parameters::{Free, Quantity, Scale};
 use crate::identify::problem::Base;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use plant_sim::chain::{Chain, Sensor};
+use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Role, Scales, Scope};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
@@ -303,7 +303,8 @@ impl<'a> Bench<'a> {
 
     /// Oscillators of the nominal plant and of what `hypothesis` adds.
     pub(super) fn modes(&self, hypothesis: &Hypothesis) -> usize {
-        self.chain.parts.modes.len() + hypothesis.installed.iter().map(|i| i.modes).sum::<usize>()
+        let Parts { modes, arms, .. } = &self.chain.parts;
+        modes.len() + arms.len() + hypothesis.installed.iter().map(|i| i.modes).sum::<usize>()
     }
 
     /// Coordinates that all logs share.
@@ -526,8 +527,10 @@ impl<'a> Bench<'a> {
             let [moved_m, moved_m_per_s] = moved(1 + count, turning_per_s);
             start.state.displacement_m += moved_m;
             start.state.velocity_m_per_s += moved_m_per_s;
-            let modes = chain.parts.modes.iter().enumerate().take(self.modes(hypothesis));
-            start.modes = modes.map(|(i, mode)| moved(3 + count + 2 * i, TAU * mode.hz)).collect();
+            let Parts { modes, arms, .. } = &chain.parts;
+            let hz = modes.iter().map(|mode| mode.hz).chain(arms.iter().map(|arm| arm.hz));
+            let hz = hz.enumerate().take(self.modes(hypothesis));
+            start.modes = hz.map(|(i, hz)| moved(3 + count + 2 * i, TAU * hz)).collect();
         }
         start
     }

@@ -26,7 +26,7 @@ pub struct Installed {
     pub axes: Vec<Axis>,
     /// Hysterons that it adds to the plant: each log begins with what they hold.
     pub hysterons: usize,
-    /// Oscillators that it adds: a log that may begin anywhere begins with each of them somewhere.
+    /// Oscillators that it adds, modes and arms: a log that may begin anywhere begins with each of them somewhere.
     pub modes: usize,
     /// Whether it has a memory besides, a play or a presliding friction.
     pub remembers: bool,
@@ -150,7 +150,7 @@ impl Hypothesis {
         let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
         let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
         let mut installed = self.installed.clone();
-        let modes = chain.parts.modes.len();
+        let modes = chain.parts.modes.len() + chain.parts.arms.len();
         installed.push(Installed { effect, form, axes, hysterons, modes, remembers, squares_of_own: Vec::new() });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, freedom }

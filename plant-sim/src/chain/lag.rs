@@ -109,6 +109,12 @@ impl LagState {
         Self { value, ..Self::default() }
     }
 
+    /// Moved from where it is: its value and its rate.
+    pub(super) fn shift(&mut self, [value, slope]: [f64; 2]) {
+        self.value += value;
+        self.slope += slope;
+    }
+
     pub(super) fn value(&self) -> f64 {
         self.value
     }

@@ -297,8 +297,8 @@ impl Simulator {
         self.readout.rest_at(self.seen_m());
     }
 
-    /// Moves the chain's oscillators, of which `modes` is the list, by so much from where they rest: metres and m/s.
-    pub fn swing(&mut self, modes: &[Mode], from_rest: &[[f64; 2]]) {
+    /// Moves the oscillators of the chain, its modes and then its arms, by so much from where they rest: metres and m/s.
+    pub fn swing(&mut self, parts: &Parts, from_rest: &[[f64; 2]]) {
         if from_rest.is_empty() || self.linear.is_some() {
             return;
         }
@@ -307,7 +307,7 @@ impl Simulator {
         let mut inside = states[first_mode..][..2 * self.modes.len()].chunks_exact_mut(2);
         let are_apart = !self.outside.is_empty();
         let mut outside = self.outside.iter_mut();
-        for (mode, moved) in modes.iter().zip(from_rest) {
+        for (mode, moved) in parts.modes.iter().zip(from_rest) {
             if are_apart && matches!(mode.joint, Joint::Parallel { .. }) {
                 if let Some((_, mode)) = outside.next() {
                     mode.set_state(&[mode.state(0) + moved[0], mode.state(1) + moved[1]]);
@@ -318,6 +318,7 @@ impl Simulator {
         }
         self.stepper.set_state(&states);
         self.readout.rest_at(self.seen_m());
+        self.readout.swing(from_rest.get(parts.modes.len()..).unwrap_or_default());
     }
 
     /// The state at the present sample's start.

@@ -80,9 +80,20 @@ impl Readout {
         self.creep.iter_mut().for_each(|element| element.relaxed_m = displacement_m);
         self.structure = [displacement_m, 0.0];
         self.arms.iter_mut().for_each(|(_, follower)| *follower = LagState::at(displacement_m));
+        self.show_seen();
+    }
+
+    /// What follows what is seen has been there for long.
+    fn show_seen(&mut self) {
         let seen_m = self.seen_m();
         self.contacts_m = [seen_m; CONTACTS];
         (self.behind_m, self.behind_m_per_s, self.lag) = (seen_m, 0.0, LagState::at(seen_m));
+    }
+
+    /// Moves each arm by so much from where it rests: metres and m/s.
+    pub(super) fn swing(&mut self, from_rest: &[[f64; 2]]) {
+        self.arms.iter_mut().zip(from_rest).for_each(|((_, follower), moved)| follower.shift(*moved));
+        self.show_seen();
     }
 
     /// Each play has been left at this `share` of its half width from the middle.
