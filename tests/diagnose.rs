@@ -462,6 +462,17 @@ fn the_predicted_shrink_is_realised() {
     }
 }
 
+/// A first stretch leaves open what a hysteron holds that moves later: all fitted logs began at rest, and so did this one.
+#[test]
+fn a_log_begins_as_those_that_were_fitted_do() {
+    let subject = Subject::Effects(vec![EffectId::ClockError]);
+    let found = diagnosis_of_calibrate("diagnose-begins-alike", 8_373_635_399_536_956_305, subject);
+    assert_eq!(list(&found["effects"]), ["clock_error"], "{}", found["ranking"]);
+    let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
+    let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
+    assert!(shrink > 97.0 && (shrink - predicted).abs() < 2.0, "{shrink} against {predicted} % predicted");
+}
+
 /// Another element of the hysteresis lets the refit bend all numbers as a gain would; with the element in, they are ordinary, and no gain is left.
 #[test]
 fn an_effect_that_leaves_ordinary_numbers_needs_no_gain() {

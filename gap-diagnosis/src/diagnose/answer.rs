@@ -218,7 +218,7 @@ pub(super) fn answer(
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
     let three = play(benches, course, &found, explanation.is_some());
     let spread = found.spread(benches);
-    let left = Left { with: left_with, spread_m2: &spread.all_m2(), left_out_m2: found.left_out_m2.as_deref() };
+    let left = Left { with: left_with, spread: &spread, left_out_m2: found.left_out_m2.as_deref() };
     let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];

@@ -26,6 +26,8 @@ const AGAIN: [f64; 2] = [3.0, 0.0];
 const NEAR: f64 = 1.2;
 /// Below this sigma, as a logarithm, a plant is linear in its numbers.
 const LINEAR: f64 = 1e-3;
+/// Share of the largest variance that is none.
+const ROUNDING: f64 = 1e-9;
 /// A nominal number has moved beyond this many of its sigma.
 const MOVED: f64 = 3.0;
 /// A start coordinate whose sigma is still this share of its prior's is not determined.
@@ -65,6 +67,8 @@ pub(super) struct Augmented {
     pub variant: Variant,
     /// Covariance of the coordinates, residuals correlated as they are.
     covariance: Option<DMatrix<f64>>,
+    /// The same if hysterons that agree with it hold nothing when the fitted logs begin, and the probability that they do not.
+    at_rest: Option<(DMatrix<f64>, f64)>,
     /// Mean square that each fitted log would leave more if the others alone told the shared numbers, metres squared.
     pub left_out_m2: Option<Vec<f64>>,
     /// Weight of a fitted row of each log in it, per square metre.
@@ -144,24 +148,47 @@ impl Augmented {
         let left_out_m2 = left_out_m2(search.bench, &hypothesis, &found, &weights);
         let hypothesis =
             hypothesis.knowing(search.bench, &found.normal.logs.iter().map(|log| &log.products).collect::<Vec<_>>());
+        let resting = covariance.as_ref().and_then(|open| hypothesis.resting(search.bench, &found.z, open));
+        let at_rest = resting.and_then(|(resting, charged)| {
+            self::covariance(search.bench, &resting, &found, &weights).map(|covariance| (covariance, charged))
+        });
+        let hypothesis = match at_rest.as_ref().map(|(covariance, _)| covariance).or(covariance.as_ref()) {
+            Some(covariance) => hypothesis.telling_held(search.bench, covariance),
+            None => hypothesis,
+        };
         let variant = Variant { hypothesis, z: found.z, starts_known: true };
-        Self { variant, covariance, left_out_m2, weights, freed, random }
+        Self { variant, covariance, at_rest, left_out_m2, weights, freed, random }
     }
 
     /// What the uncertainty of all shared numbers and of the starts makes on the held-out rows that are scored. A few undetermined ones make most of it.
     pub fn spread(&self, benches: &Benches<'_>) -> Spread {
-        let Some(covariance) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else {
+        let Some(open) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else {
             return Spread::default();
         };
-        let shared = benches.fitted.shared(&self.variant.hypothesis);
-        let axes = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
         let fitted = benches.play_fitted(&self.variant);
+        let moves = |covariance: &DMatrix<f64>| self.moves(benches, &fitted, covariance);
+        match &self.at_rest {
+            None => benches.spread(&self.variant, &moves(open), &[], 0.0),
+            Some((at_rest, charged)) => {
+                benches.spread(&self.variant, &moves(at_rest), &moves(&(open - at_rest)), *charged)
+            }
+        }
+    }
+
+    /// Independent moves of the shared numbers by a sigma of `covariance` each, what each log has of its own along with them.
+    fn moves(&self, benches: &Benches<'_>, fitted: &[Played], covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
+        let shared = benches.fitted.shared(&self.variant.hypothesis);
+        if shared == 0 {
+            return Vec::new();
+        }
+        let axes = covariance.view((0, 0), (shared, shared)).clone_owned().symmetric_eigen();
+        let least = ROUNDING * axes.eigenvalues.max();
         let one = |(variance, direction): (&f64, DVectorView<'_, f64>)| {
             let sigma = variance.sqrt();
             // What each log has of its own goes along.
             let along = covariance.columns(0, shared) * direction / sigma;
             let reach = if sigma > LINEAR {
-                let [there, back] = [1.0, -1.0].map(|sign| self.reach(benches, &fitted, &(sign * &along)));
+                let [there, back] = [1.0, -1.0].map(|sign| self.reach(benches, fitted, &(sign * &along)));
                 let farther = if back > there { -1.0 } else { 1.0 };
                 farther * (0.5 * (there.powi(2) + back.powi(2))).sqrt()
             } else {
@@ -170,8 +197,7 @@ impl Augmented {
             (reach * along).as_slice().to_vec()
         };
         let axes = axes.eigenvalues.iter().zip(axes.eigenvectors.column_iter());
-        let moves: Vec<Vec<f64>> = axes.filter(|(variance, _)| **variance > 0.0).map(one).collect();
-        benches.spread(&self.variant, &moves)
+        axes.filter(|(variance, _)| **variance > least).map(one).collect()
     }
 
     /// [`reach`] of the move `along`, judged by the fitted logs, `fitted` without it. The covariance is that of a linear plant: a hysteron's start

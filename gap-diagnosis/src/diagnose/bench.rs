@@ -1,7 +1,7 @@
 //! What the diagnosis fits: logs with their noise and a nominal plant with its uncertainty. With a hypothesis, a vector of coordinates
 //! becomes one chain and one start for every log.
 
-use super::hypothesis::{Axis, Freedom, Hypothesis, Installed};
+use super::hypothesis::{Axis, Freedom, Held, Hypothesis, Installed};
 use crate::identify::parameters::{Free, Quantity, Scale};
 use crate::identify::problem::Base;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -403,9 +403,16 @@ impl<'a> Bench<'a> {
                 }
             }
             if hypothesis.freedom == Freedom::Any {
-                let moving = 2 + 2 * self.modes(hypothesis);
-                for rule in &mut rules[at + 1..at + 1 + self.hysterons(hypothesis) + moving] {
+                let moving = at + 1 + self.hysterons(hypothesis);
+                for rule in &mut rules[at + 1..moving + 2 + 2 * self.modes(hypothesis)] {
                     (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
+                }
+                // What moves is linear in them, or nearly so.
+                rules[moving..moving + 2 + 2 * self.modes(hypothesis)].iter_mut().for_each(|rule| rule.most = 10.0);
+            }
+            for (rule, usual) in rules[at..].iter_mut().skip(1).zip(&hypothesis.usually_held) {
+                if let Some(Held { mean, width, .. }) = *usual {
+                    (rule.centre, rule.sigma) = (mean, width.min(rule.sigma));
                 }
             }
         }

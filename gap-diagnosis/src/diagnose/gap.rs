@@ -1,6 +1,6 @@
 //! How large the gap is, how far it shrinks and what shares the effects have in that (of all rows; the gap itself is told on rows never fitted).
 
-use super::plants::{Benches, Played, Variant};
+use super::plants::{Benches, Played, Spread, Variant};
 use super::random::Random;
 use super::refit::{AT_NOISE, LEAST_GAP};
 use super::starts::scored_from;
@@ -205,7 +205,7 @@ fn interval(logs: &[Vec<Sums>], seed: u64) -> [f64; 2] {
 
 /// What the fitted rows and the headline's commands lead one to expect on the headline's rows.
 pub(super) struct Expected {
-    /// Mean square beyond the noise that the named plant leaves, metres squared; as likely more as less.
+    /// Mean square beyond the noise that the named plant leaves, metres squared; as likely more as less if hysterons held something when logs began.
     pub left2_m2: f64,
     /// 100 (1 - named / nominal) for that.
     pub shrink_percent: f64,
@@ -239,8 +239,8 @@ impl LeftWith {
 pub(super) struct Left<'l> {
     /// What it goes with.
     pub with: LeftWith,
-    /// Mean squares that independent normal numbers make on the headline's rows, metres squared: the uncertainty of what is shared.
-    pub spread_m2: &'l [f64],
+    /// What numbers and starts that are not well known make on the headline's rows.
+    pub spread: &'l Spread,
     /// Mean square that each fitted log would leave more if the others alone told what is shared, metres squared.
     pub left_out_m2: Option<&'l [f64]>,
 }
@@ -317,18 +317,26 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
     let others = benches.held.as_ref().map_or(fitted.len(), |held| held.records.len());
     let draws = (0..RESAMPLES).map(|_| {
         let logs: Vec<OfLog> = (0..others).map(|_| fitted[random.random_range(0..fitted.len())]).collect();
+        let is_charged = random.random::<f64>() < left.spread.charged;
         let mut normal = || random.sample::<f64, _>(StandardNormal);
-        let spread2 = rows * left.spread_m2.iter().map(|m2| m2 * normal().powi(2)).sum::<f64>();
+        let mut made2 = |by_m2: &[f64]| rows * by_m2.iter().map(|m2| m2 * normal().powi(2)).sum::<f64>();
+        let Spread { starts_m2, numbers_m2, charged_m2, .. } = left.spread;
+        let at_rest2 = made2(starts_m2) + made2(numbers_m2);
+        let charged2 = at_rest2 + made2(charged_m2);
         let noise2 = noise2 * (1.0 + NOISE_KNOWN * normal());
-        (spread2, shrink_percent(stays2(&logs) + spread2, noise2))
+        let drawn2 = if is_charged { charged2 } else { at_rest2 };
+        ([drawn2, charged2], shrink_percent(stays2(&logs) + drawn2, noise2))
     });
-    let (mut spread, shrinks): (Vec<f64>, Vec<f64>) = draws.unzip();
-    spread.sort_by(f64::total_cmp);
-    let left2 = stays2(&fitted) + spread[RESAMPLES / 2];
-    let point = shrink_percent(left2, noise2);
+    let (spread, shrinks): (Vec<[f64; 2]>, Vec<f64>) = draws.unzip();
+    let [drawn2, charged2] = [0, 1].map(|of| {
+        let mut made2: Vec<f64> = spread.iter().map(|made2| made2[of]).collect();
+        made2.sort_by(f64::total_cmp);
+        made2[RESAMPLES / 2]
+    });
+    let point = shrink_percent(stays2(&fitted) + drawn2, noise2);
     let [low, high] = middle_95(shrinks);
     Expected {
-        left2_m2: left2 / rows.max(1.0),
+        left2_m2: (stays2(&fitted) + charged2) / rows.max(1.0),
         shrink_percent: point,
         shrink_percent_ci95: [low.min(point), high.max(point)],
     }

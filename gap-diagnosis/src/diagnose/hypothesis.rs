@@ -132,12 +132,27 @@ pub struct Hypothesis {
     pub installed: Vec<Installed>,
     /// How logs may start.
     pub freedom: Freedom,
+    /// How well each log tells what each hysteron holds when it begins, as variances of coordinates; nothing where that is not known.
+    pub(super) variances_of_held: Vec<Vec<f64>>,
+    /// What each hysteron holds when other logs begin; none where nothing is known of it.
+    pub(super) usually_held: Vec<Option<Held>>,
+}
+
+/// What a hysteron holds when logs begin, as coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held {
+    /// Mean and width.
+    pub mean: f64,
+    /// See `mean`.
+    pub width: f64,
+    /// Square of the mean in units of its own error: what speaks against a hysteron that holds nothing.
+    pub against_nothing: f64,
 }
 
 impl Hypothesis {
     /// The nominal plant alone.
     pub fn nominal(freedom: Freedom) -> Self {
-        Self { installed: Vec::new(), freedom }
+        Self { installed: Vec::new(), freedom, variances_of_held: Vec::new(), usually_held: Vec::new() }
     }
 
     /// This with one form more.
@@ -153,7 +168,7 @@ impl Hypothesis {
         let modes = chain.parts.modes.len() + chain.parts.arms.len();
         installed.push(Installed { effect, form, axes, hysterons, modes, remembers, squares_of_own: Vec::new() });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
-        Self { installed, freedom }
+        Self { installed, ..Self::nominal(freedom) }
     }
 
     /// Whether logs begin with a memory besides that of hysterons.

@@ -47,14 +47,13 @@ pub(super) struct Spread {
     pub starts_m2: Vec<f64>,
     /// What the numbers that all logs share make.
     pub numbers_m2: Vec<f64>,
+    /// What they make besides where hysterons hold something when the fitted logs begin, though these agree with hysterons at rest.
+    pub charged_m2: Vec<f64>,
+    /// Probability that they do.
+    pub charged: f64,
 }
 
 impl Spread {
-    /// All of them.
-    pub fn all_m2(&self) -> Vec<f64> {
-        [self.starts_m2.as_slice(), &self.numbers_m2].concat()
-    }
-
     /// Held-out logs of which what `played` leaves may be that their first stretch does not tell where they start, and how much that makes, metres rms.
     pub fn open_starts<'r>(&self, benches: &'r Benches<'_>, played: &[Played]) -> Vec<(&'r str, f64)> {
         let Some(held) = &benches.held else { return Vec::new() };
@@ -128,15 +127,22 @@ impl<'a> Benches<'a> {
         (0..held.records.len()).into_par_iter().map(one).collect()
     }
 
-    /// What is open where the coordinates of `variant` are moved by each of `moves`, and where the starts are what the first stretches leave open of them.
-    pub fn spread(&self, variant: &Variant, moves: &[Vec<f64>]) -> Spread {
+    /// What is open where the coordinates of `variant` are moved by each of `moves`, with a probability of `charged` also by those of `if_charged`, and
+    /// where the starts are what the first stretches leave open of them.
+    pub fn spread(&self, variant: &Variant, moves: &[Vec<f64>], if_charged: &[Vec<f64>], charged: f64) -> Spread {
         let Some(held) = &self.held else { return Spread::default() };
         let variant = &self.as_usual(variant);
         let starts = self.starts(held, variant);
         let starts_m2 = starts_m2(held, &variant.hypothesis, &starts);
         // Changes add up row by row; along the axes of their products each has a power of its own.
-        let moved_m2 = self.moved_m2(held, variant, &starts, moves).symmetric_eigenvalues();
-        Spread { starts_m2, numbers_m2: moved_m2.iter().map(|m2| m2.max(0.0)).collect() }
+        let powers_m2 = |moves: &[Vec<f64>]| -> Vec<f64> {
+            if moves.is_empty() {
+                return Vec::new();
+            }
+            let moved_m2 = self.moved_m2(held, variant, &starts, moves).symmetric_eigenvalues();
+            moved_m2.iter().map(|m2| m2.max(0.0)).collect()
+        };
+        Spread { starts_m2, numbers_m2: powers_m2(moves), charged_m2: powers_m2(if_charged), charged }
     }
 
     /// What the predictions for the held-out logs change on the rows that are scored when the coordinates of `variant` are moved by each of `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
@@ -225,6 +231,7 @@ impl Variant {
     pub fn part(&self, bench: &Bench<'_>, refitted: bool, keep: impl Fn(&Installed) -> bool) -> Variant {
         let mut hypothesis = self.hypothesis.clone();
         hypothesis.installed.retain(|installed| keep(installed));
+        hypothesis.variances_of_held.clear();
         let mut z = carry(bench, &self.hypothesis, &self.z, bench, &hypothesis, true);
         if !refitted {
             z[..bench.free.len()].fill(0.0);

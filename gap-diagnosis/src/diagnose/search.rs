@@ -431,7 +431,7 @@ impl Search<'_> {
     pub fn only(&self, refit: &Candidate, fit: &Candidate, kept: usize) -> Candidate {
         let kept = fit.hypothesis.installed[kept].clone();
         let freedom = if kept.form.kind == Kind::Start { fit.hypothesis.freedom } else { refit.hypothesis.freedom };
-        let hypothesis = Hypothesis { installed: vec![kept], freedom };
+        let hypothesis = Hypothesis { installed: vec![kept], ..Hypothesis::nominal(freedom) };
         let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         self.descend(&hypothesis, z, &LAST_STAGES)
     }

@@ -10,6 +10,7 @@ use super::plants::Played;
 use crate::residual::samples_per_independent;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::replay::Reader;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Share of a held-out log that its start is fitted to.
@@ -17,6 +18,8 @@ pub(super) const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
+/// What a hysteron has to earn in squares of which other logs tell what it holds.
+const KNOWN: f64 = 2.0;
 /// Hysterons of which every corner is tried.
 const MOST_CORNERS: usize = 3;
 /// Steps of that fit at most, and how often a step is shortened.
@@ -54,11 +57,20 @@ pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], 
     }
 }
 
-/// The start of log `index` where no later fit will mend it: from all of these places, and relaxed, that which is most probable.
+/// The start of log `index` where no later fit will mend it: from all of these places, as others begin, and relaxed, that which is most probable.
 pub(super) fn sought(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> Settled {
     let stretch = FirstStretch::new(bench, hypothesis, index);
-    let relaxed = std::iter::once_with(|| stretch.relaxed().settled(z.clone()));
-    let all = stretch.settlings(z.clone()).chain(relaxed).collect();
+    let relaxed = stretch.relaxed().settled(z.clone());
+    let alone = hypothesis.alone();
+    let by_itself = FirstStretch::new(bench, &alone, index);
+    let mut nowhere = z.clone();
+    by_itself.places.iter().zip(&by_itself.rules).for_each(|(place, rule)| nowhere[*place] = rule.centre);
+    let mut all: Vec<Settled> = by_itself.settlings(nowhere).collect();
+    if stretch.known > 0 {
+        let best = all.iter().min_by(|a, b| a.mean2.total_cmp(&b.mean2)).map(|best| best.z.clone());
+        all.extend([Some(z.clone()), best].into_iter().flatten().map(|from| stretch.settled(from)));
+    }
+    all.push(relaxed);
     most_probable(all).unwrap_or_else(|| stretch.settled(z))
 }
 
@@ -108,12 +120,17 @@ pub(super) struct Settled {
     prior_cost: f64,
     /// Hysterons that were free to hold something; none of a relaxed start.
     memories: usize,
+    /// Those of them of which other logs tell what they hold.
+    known: usize,
+    /// What other logs say against a relaxed start, in squares, if it is one.
+    against: f64,
 }
 
 impl Settled {
     /// The start near this one where the other coordinates have become those of `z`: it stays in the valley where it settled, and hysterons that held
     /// nothing make up for what the others imitate, if they must.
     pub fn follow(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, mut z: Vec<f64>, index: usize) -> Vec<f64> {
+        let hypothesis = &self.by(hypothesis);
         let stretch = FirstStretch::new(bench, hypothesis, index);
         stretch.places.iter().for_each(|place| z[*place] = self.z[*place]);
         let relaxed = (self.memories < stretch.memories).then(|| stretch.relaxed().settled(z.clone()));
@@ -121,9 +138,16 @@ impl Settled {
         most_probable(all).map_or(z, |settled| settled.z)
     }
 
+    /// `hypothesis` without what other logs tell, where this start has hysterons hold something else.
+    fn by<'h>(&self, hypothesis: &'h Hypothesis) -> Cow<'h, Hypothesis> {
+        let is_other = self.memories > 0 && self.known == 0;
+        if is_other { Cow::Owned(hypothesis.alone()) } else { Cow::Borrowed(hypothesis) }
+    }
+
     /// Coordinates on either side of these where one of the start's is a sigma of its prior away, or as far as the first stretch allows, and the others
     /// follow: one pair for each that is free. A prior draws a memory to the edge of what the stretch leaves open, so that no slope tells how far that is.
     pub fn left_open(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, index: usize) -> Vec<[Vec<f64>; 2]> {
+        let hypothesis = &self.by(hypothesis);
         let stretch = FirstStretch::new(bench, hypothesis, index);
         let noise2 = bench.records[index].noise_m.powi(2);
         let weight = 1.0 / (noise2.max(self.mean2) * samples_per_independent(&self.left));
@@ -161,12 +185,17 @@ pub(super) fn reach(cost: impl Fn(f64) -> f64) -> f64 {
     shares.find(|share| cost(*share) <= ALLOWED).unwrap_or(0.0)
 }
 
-/// The most probable of all: each hysteron that may hold something has to earn the logarithm of the rows (Schwarz 1978).
+/// The most probable of all: each hysteron that may hold something has to earn the logarithm of the rows (Schwarz 1978), or what a number that other
+/// logs tell has to (Akaike 1974).
 fn most_probable(mut all: Vec<Settled>) -> Option<Settled> {
     let least = all.iter().min_by(|a, b| a.mean2.total_cmp(&b.mean2))?;
     // What the plant misses lasts: its rows count as the independent ones that they are worth.
     let rows = least.left.len() as f64 / samples_per_independent(&least.left);
-    let cost = |s: &Settled| rows * s.mean2.ln() + s.prior_cost + s.memories as f64 * rows.max(1.0).ln();
+    let each = rows.max(1.0).ln();
+    let to_earn = |s: &Settled| (s.memories - s.known) as f64 * each + KNOWN * s.known as f64;
+    // Unlike others a start is relaxed sooner than anything else.
+    let most = 0.5 * each * all.iter().map(|s| s.memories).max().unwrap_or(0) as f64;
+    let cost = |s: &Settled| rows * s.mean2.ln() + s.prior_cost + s.against.min(most) + to_earn(s);
     let best = (0..all.len()).min_by(|a, b| cost(&all[*a]).total_cmp(&cost(&all[*b])))?;
     Some(all.swap_remove(best))
 }
@@ -201,6 +230,10 @@ struct FirstStretch<'b> {
     starts: usize,
     /// Hysterons that may hold something.
     memories: usize,
+    /// Those of them of which other logs tell what they hold.
+    known: usize,
+    /// What these say against a relaxed start, in squares, where that is what is sought.
+    against: f64,
 }
 
 impl<'b> FirstStretch<'b> {
@@ -213,14 +246,17 @@ impl<'b> FirstStretch<'b> {
         let within = |rule: Rule| Rule { most: rule.most.min(rule.bounds[1] - rule.bounds[0]), ..rule };
         let rules = places.iter().map(|place| within(all[*place])).collect();
         let hysterons = if hypothesis.freedom == Freedom::Relaxed { 0 } else { bench.hysterons(hypothesis) };
-        Self { bench, hypothesis, index, rows, places, rules, starts, memories: hysterons }
+        let known = hypothesis.usually_held.iter().take(hysterons).flatten().count();
+        Self { bench, hypothesis, index, rows, places, rules, starts, memories: hysterons, known, against: 0.0 }
     }
 
     /// The same with hysterons that hold nothing.
     fn relaxed(&self) -> Self {
         let mut rules = self.rules.clone();
-        rules.iter_mut().skip(1).take(self.memories).for_each(|rule| rule.sigma *= PINNED);
-        Self { rules, memories: 0, rows: self.rows.clone(), places: self.places.clone(), ..*self }
+        let memories = rules.iter_mut().skip(1).take(self.memories);
+        memories.for_each(|rule| (rule.centre, rule.sigma) = (0.0, PINNED * rule.sigma));
+        let against = self.hypothesis.usually_held.iter().flatten().map(|held| held.against_nothing).sum();
+        Self { rules, memories: 0, known: 0, against, rows: self.rows.clone(), places: self.places.clone(), ..*self }
     }
 
     /// The same with all rows of the log.
@@ -340,7 +376,7 @@ impl<'b> FirstStretch<'b> {
             is_fresh = false;
         }
         let (mean2, prior_cost) = (dot(&here, &here) / here.len().max(1) as f64, self.prior(&z));
-        Settled { mean2, left: here, prior_cost, memories: self.memories, z }
+        Settled { mean2, left: here, prior_cost, memories: self.memories, known: self.known, against: self.against, z }
     }
 }
 
@@ -351,6 +387,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::hypothesis::Held;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
     use plant_sim::effects::find;
@@ -385,9 +422,18 @@ mod tests {
     /// Hysterons that hold something in what is sought for that log, by how many times the noise it misses the rows that are scored, and by how many it
     /// says that it may.
     fn sought_for(shares: &[f64]) -> (usize, f64, f64) {
+        sought_with(shares, |_| Vec::new())
+    }
+
+    /// The same where other logs tell what is `usually_held`, given the coordinates of the hysterons that the whole log tells.
+    fn sought_with(shares: &[f64], usually_held: impl Fn(&[f64]) -> Vec<Option<Held>>) -> (usize, f64, f64) {
         let (model, log) = log(shares);
         let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
         let nominal = Hypothesis::nominal(Freedom::Rest);
+        let mut whole = bench.origin(&nominal);
+        settle_in_all_of(&bench, &nominal, &mut whole, 0);
+        let places = bench.start_places(&nominal, 0);
+        let nominal = Hypothesis { usually_held: usually_held(&whole[places][1..]), ..nominal };
         let found = sought(&bench, &nominal, bench.origin(&nominal), 0);
         let played = |z: &[f64]| play_log(&bench, &nominal, z, 0);
         let from = scored_from(&bench.records[0]);
@@ -414,6 +460,42 @@ mod tests {
         let (memories, missed, open) = sought_for(&[0.3, -0.2]);
         assert_eq!(memories, 2);
         assert!(missed > 3.0 && missed < 3.0 * open, "{missed} {open}");
+    }
+
+    #[test]
+    fn what_a_first_stretch_leaves_open_other_logs_tell() {
+        let usual = |against_nothing: f64| {
+            move |held: &[f64]| held.iter().map(|z| Some(Held { mean: *z, width: 0.02, against_nothing })).collect()
+        };
+        let (memories, missed, open) = sought_with(&[0.3, -0.2], usual(100.0));
+        assert_eq!(memories, 2);
+        assert!(missed < 1.1 && open < 3.0, "{missed} {open}");
+        // A start that is relaxed is one, whatever others are like.
+        let charged = |_: &[f64]| vec![Some(Held { mean: 0.5, width: 0.02, against_nothing: 100.0 }); 2];
+        let (memories, missed, _) = sought_with(&[0.0, 0.0], charged);
+        assert!(memories == 0 && missed < 1.05, "{memories} {missed}");
+    }
+
+    /// Coordinates of what moves are far from nothing: a tenth of the stroke, and that at the pace of the resonance.
+    #[test]
+    fn a_mass_in_motion_is_found_however_fast() {
+        let (model, mut log) = log(&[0.0, 0.0]);
+        let any = Hypothesis::nominal(Freedom::Any);
+        let chain = model.chain();
+        let start = {
+            let bench = Bench::new(&model, vec![record(&log, &chain, None)]);
+            let mut z = bench.origin(&any);
+            z[bench.start_places(&any, 0)][3..].copy_from_slice(&[4.0, -18.0]);
+            bench.start_at(&any, &z, 0, &chain)
+        };
+        log.displacement_m = predict(&chain, &log, &start, log.len());
+        let mut random = Pcg64::seed_from_u64(6);
+        log.displacement_m.iter_mut().for_each(|y| *y += 20e-9 * random.random_range(-1.7..1.7));
+        let mut record = record(&log, &chain, None);
+        record.noise_m = 20e-9;
+        let bench = Bench::new(&model, vec![record]);
+        let found = sought(&bench, &any, bench.origin(&any), 0);
+        assert!(found.mean2.sqrt() < 1.1 * 20e-9, "{:e}", found.mean2.sqrt());
     }
 
     #[test]

@@ -1,12 +1,23 @@
-//! What another log may be expected to have of what belongs to each: a drift that comes back, the phase of a line, how the sensor was set.
+//! What another log may be expected to have of what belongs to each: a drift that comes back, the phase of a line, how the sensor was set, what
+//! hysterons hold.
 
 use super::bench::{Bench, factor};
-use super::hypothesis::Hypothesis;
+use super::hypothesis::{Held, Hypothesis};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::Scope;
 
 /// Least width of what other logs have of a number, in typical sizes.
 const LEAST_WIDTH: f64 = 0.01;
+/// A log tells what a hysteron holds where it makes that so many times better known than it is beforehand, ..
+const TOLD: f64 = 4.0;
+/// .. and so many logs tell what hysterons hold elsewhere, ..
+const ENOUGH: usize = 3;
+/// .. to this error of each at the least: they make up for numbers that are a little off.
+const LEAST_HELD: f64 = 0.01;
+/// Logarithm of the odds below which a hysteron did not rest when logs began: those that tell nothing have even odds.
+const AGAINST: f64 = -0.5;
+/// Width of what hysterons at rest hold.
+const NOTHING: f64 = 1e-6;
 
 impl Hypothesis {
     /// This for another log: of what belongs to each log it has what the logs of `bench` have at `z` in the mean. Where its first stretch tells it, give
@@ -31,7 +42,72 @@ impl Hypothesis {
                 usual.installed[at].axes[number].usual = Some([common.expected[i], width]);
             }
         }
+        usual.usually_held = self.held(bench, z);
         usual
+    }
+
+    /// This for a log of which others do not tell what its hysterons hold.
+    pub fn alone(&self) -> Self {
+        Self { usually_held: Vec::new(), ..self.clone() }
+    }
+
+    /// What each hysteron holds when the logs of `bench` begin that tell it. Logs of one bench begin in like manner or they do not, and what they hold
+    /// says so.
+    fn held(&self, bench: &Bench<'_>, z: &[f64]) -> Vec<Option<Held>> {
+        let of_hysteron = |i: usize| {
+            let of_log = |(log, variances): (usize, &Vec<f64>)| [z[bench.own_start(self, log) + 1 + i], variances[i]];
+            Held::of(&self.variances_of_held.iter().enumerate().map(of_log).collect::<Vec<_>>())
+        };
+        (0..self.held_count(bench)).map(of_hysteron).collect()
+    }
+
+    /// This where it is known how well each log tells what hysterons hold, by the `covariance` of its coordinates.
+    pub fn telling_held(mut self, bench: &Bench<'_>, covariance: &DMatrix<f64>) -> Self {
+        let rules = bench.rules(&self);
+        let variance = |place: usize| {
+            let variance = covariance[(place, place)];
+            // What is hardly better known than beforehand is what was thought beforehand.
+            if variance.sqrt() * TOLD < rules[place].sigma { variance } else { f64::INFINITY }
+        };
+        let of_log = |log: usize| {
+            let at = bench.own_start(&self, log) + 1;
+            (at..at + self.held_count(bench)).map(variance).collect()
+        };
+        self.variances_of_held = (0..bench.records.len()).map(of_log).collect();
+        self
+    }
+
+    /// This where hysterons hold nothing that agree with it in all logs of `bench`, going by the `covariance` of its coordinates `z`, and the probability
+    /// that they do not: a start that could be anywhere is hardly at rest by chance. The odds of numbers to be nothing are their density there against
+    /// what that was beforehand (Dickey 1971): of all logs together, and for the probability of one alone, as all may have begun in one other state.
+    pub fn resting(&self, bench: &Bench<'_>, z: &[f64], covariance: &DMatrix<f64>) -> Option<(Self, f64)> {
+        let rules = bench.rules(self);
+        let of_hysteron = |i: usize| {
+            let places: Vec<usize> = (0..bench.records.len()).map(|log| bench.own_start(self, log) + 1 + i).collect();
+            let log_odds = |places: &[usize]| {
+                let known = DMatrix::from_fn(places.len(), places.len(), |i, j| {
+                    let least = if i == j { LEAST_HELD.powi(2) } else { 0.0 };
+                    (covariance[(places[i], places[j])] + least) / (rules[places[i]].sigma * rules[places[j]].sigma)
+                });
+                let away =
+                    DVector::from_iterator(places.len(), places.iter().map(|place| z[*place] / rules[*place].sigma));
+                known.cholesky().map(|known| -0.5 * (known.ln_determinant() + away.dot(&known.solve(&away))))
+            };
+            let is_told = |place: &&usize| covariance[(**place, **place)].sqrt() * TOLD < rules[**place].sigma;
+            let of_all = log_odds(&places)?;
+            let of_one = places.iter().filter(is_told).filter_map(|place| log_odds(&[*place])).fold(0.0, f64::max);
+            (of_all > AGAINST).then_some(1.0 / (1.0 + of_one.exp()))
+        };
+        let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of_hysteron).collect();
+        let nothing = Held { mean: 0.0, width: NOTHING, against_nothing: 0.0 };
+        let usually_held = charged.iter().map(|charged| charged.map(|_| nothing)).collect();
+        let probability = charged.into_iter().flatten().reduce(f64::max)?;
+        Some((Self { usually_held, ..self.clone() }, probability))
+    }
+
+    /// Hysterons that may hold something when a log begins.
+    fn held_count(&self, bench: &Bench<'_>) -> usize {
+        if bench.start_count(self) > 0 { bench.hysterons(self) } else { 0 }
     }
 
     /// Coordinates `z` of the logs of `bench` where each has of what no first stretch tells what the others let expect.
@@ -73,6 +149,25 @@ impl Hypothesis {
             common.map(|common| (at, own, common))
         };
         (0..self.installed.len()).filter_map(of_form).collect()
+    }
+}
+
+impl Held {
+    /// Of logs with these coordinates and variances, by how much more they differ than these explain (DerSimonian and Laird 1986).
+    fn of(logs: &[[f64; 2]]) -> Option<Self> {
+        let telling: Vec<[f64; 2]> = logs.iter().filter(|[_, variance]| variance.is_finite()).copied().collect();
+        let sums = |apart2: f64| {
+            let weights = telling.iter().map(|[z, variance]| (1.0 / (variance + LEAST_HELD.powi(2) + apart2), z));
+            weights.fold([0.0; 3], |[sum, of_z, of_squares], (w, z)| [sum + w, of_z + w * z, of_squares + w * w])
+        };
+        let [sum, of_z, of_squares] = sums(0.0);
+        let squares = |[z, variance]: &[f64; 2]| (z - of_z / sum).powi(2) / (variance + LEAST_HELD.powi(2));
+        let beyond = telling.iter().map(squares).sum::<f64>() - (telling.len() as f64 - 1.0);
+        let apart2 = (beyond / (sum - of_squares / sum)).max(0.0);
+        let [sum, of_z, _] = sums(apart2);
+        let (mean, error2) = (of_z / sum, 1.0 / sum);
+        let width = (4.0 * apart2 + error2 + LEAST_HELD.powi(2)).sqrt();
+        (telling.len() >= ENOUGH).then_some(Self { mean, width, against_nothing: mean.powi(2) / error2 })
     }
 }
 
@@ -125,11 +220,63 @@ impl Common {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::hypothesis::Freedom;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
 
     /// Of logs that tell one number each equally well.
     fn of(values: &[f64]) -> Common {
         let of_logs: Vec<DVector<f64>> = values.iter().map(|value| DVector::from_element(1, *value)).collect();
         Common::of(&of_logs, &vec![DMatrix::from_element(1, 1, 3.0); values.len()])
+    }
+
+    #[test]
+    fn logs_that_begin_alike_tell_how_others_begin() {
+        let known = |z: [f64; 4]| Held::of(&z.map(|z| [z, 1e-6])).expect("four logs");
+        let alike = known([0.5, 0.502, 0.498, 0.5]);
+        assert!((alike.mean - 0.5).abs() < 1e-9 && alike.width < 0.013, "{alike:?}");
+        assert!(alike.against_nothing > 1000.0 && known([0.0, 2e-3, -2e-3, 0.0]).against_nothing < 1e-9);
+        // Twice how much logs differ, and the error of their mean.
+        let differing = known([1.0, 0.0, -1.0, 0.0]);
+        let expected = (4.0 * 2.0 / 3.0 + 2.0 / 3.0 / 4.0f64).sqrt();
+        assert!((differing.width / expected - 1.0).abs() < 1e-3, "{} {expected}", differing.width);
+        // Logs that differ by no more than they are known differ by nothing.
+        let vague = Held::of(&[[0.3, 0.09], [-0.3, 0.09], [0.0, 0.09]]).expect("three logs");
+        assert!((vague.width - (0.03f64 + 1e-4).sqrt()).abs() < 1e-3, "{vague:?}");
+        assert!(Held::of(&[[0.5, 1e-6], [0.5, 1e-6], [0.0, f64::INFINITY]]).is_none());
+    }
+
+    #[test]
+    fn hysterons_rest_that_agree_with_it_in_all_logs() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![0.0; 400], ..Log::default() };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None); 3]);
+        let hypothesis = Hypothesis::nominal(Freedom::Rest);
+        let place = |log: usize, hysteron: usize| bench.own_start(&hypothesis, log) + 1 + hysteron;
+        let (mut z, size) = (bench.origin(&hypothesis), bench.coordinates(&hypothesis));
+        let rules = bench.rules(&hypothesis);
+        let mut covariance = DMatrix::from_fn(size, size, |i, j| if i == j { rules[i].sigma.powi(2) } else { 0.0 });
+        for log in 0..3 {
+            covariance[(place(log, 0), place(log, 0))] = 0.01 * rules[place(log, 0)].sigma.powi(2);
+            covariance[(place(log, 1), place(log, 1))] = 1e-6;
+        }
+        z[place(2, 1)] = 0.5;
+        let (resting, charged) = hypothesis.resting(&bench, &z, &covariance).expect("one rests");
+        assert!(resting.usually_held[0].is_some() && resting.usually_held[1].is_none());
+        assert!((charged - 1.0 / 11.0).abs() < 2e-3, "{charged}");
+        // A sensor's zero leaves open what all hold alike, and not that they differ.
+        let (mut alike, sigma2) = (covariance.clone(), rules[place(0, 0)].sigma.powi(2));
+        (0..9).filter(|k| k / 3 != k % 3).for_each(|k| alike[(place(k / 3, 0), place(k % 3, 0))] = 0.00999 * sigma2);
+        let mut differing = z.clone();
+        [0.1, -0.1, 0.1].iter().enumerate().for_each(|(log, share)| differing[place(log, 0)] = share * sigma2.sqrt());
+        assert!(hypothesis.resting(&bench, &differing, &covariance).is_some());
+        assert!(hypothesis.resting(&bench, &differing, &alike).is_none());
+        // What a log does not tell is no sign of rest, and none of the contrary.
+        covariance[(place(1, 0), place(1, 0))] = rules[place(1, 0)].sigma.powi(2);
+        assert!(hypothesis.resting(&bench, &z, &covariance).is_some());
+        z[place(2, 0)] = 0.5 * rules[place(2, 0)].sigma;
+        assert!(hypothesis.resting(&bench, &z, &covariance).is_none());
     }
 
     #[test]
