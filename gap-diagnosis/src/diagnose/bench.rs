@@ -404,11 +404,12 @@ impl<'a> Bench<'a> {
             }
             if hypothesis.freedom == Freedom::Any {
                 let moving = at + 1 + self.hysterons(hypothesis);
-                for rule in &mut rules[at + 1..moving + 2 + 2 * self.modes(hypothesis)] {
+                let moving = moving..moving + 2 + 2 * self.modes(hypothesis);
+                for rule in &mut rules[at + 1..moving.end] {
                     (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
                 }
                 // What moves is linear in them, or nearly so.
-                rules[moving..moving + 2 + 2 * self.modes(hypothesis)].iter_mut().for_each(|rule| rule.most = 10.0);
+                rules[moving].iter_mut().for_each(|rule| rule.most = 10.0);
             }
             for (rule, usual) in rules[at..].iter_mut().skip(1).zip(&hypothesis.usually_held) {
                 if let Some(Held { mean, width, .. }) = *usual {

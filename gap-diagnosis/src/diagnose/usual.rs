@@ -1,7 +1,7 @@
 //! What another log may be expected to have of what belongs to each: a drift that comes back, the phase of a line, how the sensor was set, what
 //! hysterons hold.
 
-use super::bench::{Bench, factor};
+use super::bench::{Bench, Rule, factor};
 use super::hypothesis::{Held, Hypothesis};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::effects::Scope;
@@ -65,9 +65,8 @@ impl Hypothesis {
     pub fn telling_held(mut self, bench: &Bench<'_>, covariance: &DMatrix<f64>) -> Self {
         let rules = bench.rules(&self);
         let variance = |place: usize| {
-            let variance = covariance[(place, place)];
             // What is hardly better known than beforehand is what was thought beforehand.
-            if variance.sqrt() * TOLD < rules[place].sigma { variance } else { f64::INFINITY }
+            if is_told(covariance, &rules, place) { covariance[(place, place)] } else { f64::INFINITY }
         };
         let of_log = |log: usize| {
             let at = bench.own_start(&self, log) + 1;
@@ -93,9 +92,9 @@ impl Hypothesis {
                     DVector::from_iterator(places.len(), places.iter().map(|place| z[*place] / rules[*place].sigma));
                 known.cholesky().map(|known| -0.5 * (known.ln_determinant() + away.dot(&known.solve(&away))))
             };
-            let is_told = |place: &&usize| covariance[(**place, **place)].sqrt() * TOLD < rules[**place].sigma;
             let of_all = log_odds(&places)?;
-            let of_one = places.iter().filter(is_told).filter_map(|place| log_odds(&[*place])).fold(0.0, f64::max);
+            let told = places.iter().filter(|place| is_told(covariance, &rules, **place));
+            let of_one = told.filter_map(|place| log_odds(&[*place])).fold(0.0, f64::max);
             (of_all > AGAINST).then_some(1.0 / (1.0 + of_one.exp()))
         };
         let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of_hysteron).collect();
@@ -152,10 +151,18 @@ impl Hypothesis {
     }
 }
 
+/// Whether the logs tell the coordinate at `place`, by the `covariance` of all and what `rules` know beforehand.
+fn is_told(covariance: &DMatrix<f64>, rules: &[Rule], place: usize) -> bool {
+    covariance[(place, place)].sqrt() * TOLD < rules[place].sigma
+}
+
 impl Held {
     /// Of logs with these coordinates and variances, by how much more they differ than these explain (DerSimonian and Laird 1986).
     fn of(logs: &[[f64; 2]]) -> Option<Self> {
         let telling: Vec<[f64; 2]> = logs.iter().filter(|[_, variance]| variance.is_finite()).copied().collect();
+        if telling.len() < ENOUGH {
+            return None;
+        }
         let sums = |apart2: f64| {
             let weights = telling.iter().map(|[z, variance]| (1.0 / (variance + LEAST_HELD.powi(2) + apart2), z));
             weights.fold([0.0; 3], |[sum, of_z, of_squares], (w, z)| [sum + w, of_z + w * z, of_squares + w * w])
@@ -167,7 +174,7 @@ impl Held {
         let [sum, of_z, _] = sums(apart2);
         let (mean, error2) = (of_z / sum, 1.0 / sum);
         let width = (4.0 * apart2 + error2 + LEAST_HELD.powi(2)).sqrt();
-        (telling.len() >= ENOUGH).then_some(Self { mean, width, against_nothing: mean.powi(2) / error2 })
+        Some(Self { mean, width, against_nothing: mean.powi(2) / error2 })
     }
 }
 
