@@ -474,6 +474,20 @@ fn a_log_begins_as_those_that_were_fitted_do() {
     assert!(shrink > 97.0 && (shrink - predicted).abs() < 2.0, "{shrink} against {predicted} % predicted");
 }
 
+/// Two logs are too few to tell how a third begins, and its first stretch leaves that open.
+#[test]
+fn a_start_that_nothing_tells_is_warned_of() {
+    let folder = Folder::new("diagnose-open-start");
+    let subject = Subject::Effects(vec![EffectId::ParameterError, EffectId::SensorBandwidth]);
+    let seed = 7_759_091_638_248_208_189;
+    let case = make(&Request { seed, subject, split: Split::Calibrate, size: Size::Short, strength: None });
+    let logs: Vec<&str> = case.logs[..2].iter().map(|log| log.name.as_str()).collect();
+    let call = format!("{} --held-out @/{}.csv", call(&folder, &case, &logs), case.held_out[1].name);
+    succeeded(&run(&folder, &call));
+    let warnings = diagnosis(&folder)["warnings"].to_string();
+    assert!(warnings.contains("leave open what its hysterons hold"), "{warnings}");
+}
+
 /// Another element of the hysteresis lets the refit bend all numbers as a gain would; with the element in, they are ordinary, and no gain is left.
 #[test]
 fn an_effect_that_leaves_ordinary_numbers_needs_no_gain() {
