@@ -272,16 +272,10 @@ pub struct IdentifyCall {
     /// Start and priors: a model file; without it both are guessed from the logs
     #[arg(long, value_name = "P.toml")]
     pub plant: Option<PathBuf>,
-    /// Weighed moving mass, where no --plant states it: displacement alone determines only ratios to it
-    #[arg(
-        long,
-        value_name = "KG",
-        value_parser = positive,
-        conflicts_with = "plant",
-        default_value = "1.0148e-3",
-        allow_negative_numbers = true
-    )]
-    pub mass_kg: f64,
+    /// Weighed moving mass, where no --plant states it: displacement alone determines only ratios to it. Where not given,
+    /// the thesis bender's 1.0148e-3
+    #[arg(long, value_name = "KG", value_parser = positive, conflicts_with = "plant", allow_negative_numbers = true)]
+    pub mass_kg: Option<f64>,
     /// Measured logs (CSV, NPY or MAT v5)
     #[arg(required = true)]
     pub logs: Vec<PathBuf>,

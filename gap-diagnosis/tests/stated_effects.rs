@@ -32,10 +32,15 @@ const NOISE_UM: f64 = 0.02;
 /// What the plant's own sensor reads of a SPEC.
 fn log(model: &Model, name: &str, spec: &str, seed: u64) -> Log {
     let chain = model.chain();
+    begun(model, name, spec, seed, &Start::relaxed(&chain))
+}
+
+/// The same of a plant that begins at `start`.
+fn begun(model: &Model, name: &str, spec: &str, seed: u64, start: &Start) -> Log {
+    let chain = model.chain();
     let program = Program::new(&Spec::parse(spec).expect("valid"), RATE_HZ).expect("playable");
-    let start = Start::relaxed(&chain);
     let samples = program.samples().unwrap_or(5000);
-    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples, latency_s: 0.0, seed };
+    let setup = Setup { chain: &chain, start, rate_hz: RATE_HZ, samples, latency_s: 0.0, seed };
     let made = open_loop(&setup, &program, &|_| ()).expect("runs");
     let (command_v, displacement_m) = (made.command_v, made.displacement_m);
     Log { name: name.into(), dt_s: made.dt_s, command_v, displacement_m, ..Log::default() }
@@ -92,4 +97,21 @@ fn of_what_a_plant_states_the_rest_is_told() {
     assert_eq!(found.effects, ["sampling_jitter"]);
     let rest_s = found.parameters[0].value;
     assert!((rest_s / 3e-12_f64.sqrt() - 1.0).abs() < 0.15, "{rest_s}");
+}
+
+/// All logs begin charged alike, and the first stretch of one that was never fitted moves no hysteron: what the others tell counts without a name as well.
+#[test]
+fn a_plant_without_a_gap_begins_as_the_fitted_logs_do() {
+    let nominal = nominal();
+    let chain = nominal.chain();
+    let held_v: Vec<f64> =
+        chain.plant.hysterons.iter().zip([0.5, -0.3]).map(|(one, share)| share * one.edge_v()).collect();
+    let start = Start::at_rest(&chain, 0.0, held_v);
+    let slight = "zero@0.02s+sine:5V@20Hz,for=0.25s+sine:75V@20Hz,for=0.5s";
+    let [steps, sines, multisine, held_out] =
+        [SPECS[0], SPECS[1], SPECS[2], slight].map(|spec| begun(&nominal, spec, spec, 4, &start));
+    let found = diagnose(&nominal, &[steps, sines, multisine], &[held_out], &Options::default(), &|_, _| ())
+        .expect("good logs");
+    assert_eq!(found.verdict, Verdict::NoGap, "{:?}", found.effects);
+    assert!(found.gap.augmented_rms_um < 1.1 * NOISE_UM, "{:?}", found.gap);
 }

@@ -60,7 +60,7 @@ pub struct Model {
     /// What experiments on the real plant must respect; simulated plants don't.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<RigSection>,
-    /// State at the start of a run; absent means at rest or as the command's `--initial` says.
+    /// State at the start of a run that is simulated; absent means relaxed. How a log begins, `--initial` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial_state: Option<InitialStateSection>,
     /// How a fitted model came about; for readers, not used by any computation.

@@ -123,7 +123,7 @@ calibration as it is.")]
 pub struct BoardParametersCall {
     #[command(flatten)]
     pub at: BoardArguments,
-    /// A parameter another, in its own unit; may be given several times. Infinity is inf
+    /// Sets a parameter, in the unit that its name ends in; may be repeated. Infinity is inf
     #[arg(long, value_name = "NAME=VALUE")]
     pub set: Vec<String>,
     /// The law of a controller file, at the board's own rate

@@ -1,6 +1,6 @@
 //! `hysteron identify --compare`: every kind of model on the same logs; and transfer functions alone.
 
-use super::identify::{Fitted, MOST_ROWS, log_json, worst_percent};
+use super::identify::{Fitted, MOST_ROWS, assumed_mass, log_json, mass_kg, worst_percent};
 use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
@@ -15,7 +15,7 @@ use plant_sim::model::{Kind, Model};
 
 fn options(call: &IdentifyCall) -> Options {
     Options {
-        from: From::Logs { hysterons: call.hysterons, mass_kg: call.mass_kg },
+        from: From::Logs { hysterons: call.hysterons, mass_kg: mass_kg(call) },
         initial: call.start.initial,
         run_in_s: call.start.run_in,
         starts: call.starts as usize,
@@ -34,8 +34,9 @@ pub fn compare(call: &IdentifyCall) -> Result<(), Failure> {
     let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
     let held_out = super::logs::read(&call.held_out, &call.read, MOST_ROWS)?;
     let mut warnings: Vec<String> = logs.iter().chain(&held_out).flat_map(log::warnings).collect();
+    warnings.extend(assumed_mass(call));
     let spinner = output::spinner();
-    let found = rank(&logs, &held_out, stated.as_ref(), call.mass_kg, &options(call), &|phase, simulations| {
+    let found = rank(&logs, &held_out, stated.as_ref(), mass_kg(call), &options(call), &|phase, simulations| {
         spinner.set_message(format!("{phase} ({simulations} simulations)"));
     })?;
     spinner.finish_and_clear();

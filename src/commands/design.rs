@@ -35,6 +35,11 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
         let frame = Frame { chain: &chain, settings, delay_s: call.delay_us * 1e-6, inverse: inverse.as_ref() };
         return run_check(call, &model, &controller, &frame, &mut warnings);
     }
+    if given.is_none() && model.rig.is_none() {
+        warnings.push(
+            "--plant has no [rig]: the limits are those of the thesis' bender, +-90 V and 120 um; state what your stage stands".into(),
+        );
+    }
     let mut controller = match given {
         Some(controller) => controller,
         None => within_rig(Controller::parse(LIKE, Path::new("controllers/pi1.toml"))?, &model),

@@ -12,6 +12,25 @@ use plant_sim::model::{Kind, Model};
 /// Rows of a log that are read into memory: 10 million are about 1 GB with what a fit makes of them.
 pub const MOST_ROWS: usize = 10_000_000;
 
+/// Moving mass of the thesis' bender.
+const BENDER_KG: f64 = 1.0148e-3;
+
+/// The mass that a fit without `--plant` starts from and keeps.
+pub fn mass_kg(call: &IdentifyCall) -> f64 {
+    call.mass_kg.unwrap_or(BENDER_KG)
+}
+
+/// A warning where neither a plant nor `--mass-kg` states the mass: no fit can tell that it is wrong.
+pub fn assumed_mass(call: &IdentifyCall) -> Option<String> {
+    let is_stated = call.plant.is_some() || call.mass_kg.is_some();
+    (!is_stated).then(|| {
+        format!(
+            "the mass is assumed to be {} g: with another one displacements stay right, and N, N/m, C/m and F are all off by one factor (--mass-kg)",
+            BENDER_KG * 1e3
+        )
+    })
+}
+
 pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if call.compare {
         return super::compare::compare(call);
@@ -20,7 +39,7 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if kind == "transfer-function" {
         return super::compare::transfer_function(call);
     }
-    let mass_kg = call.mass_kg;
+    let mass_kg = mass_kg(call);
     let from = match (&call.plant, kind) {
         (Some(path), _) => {
             let model = Model::read(path)?;
@@ -52,6 +71,9 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     }
     let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
     warnings.extend(logs.iter().flat_map(log::warnings));
+    if kind != "bouc-wen-static" {
+        warnings.extend(assumed_mass(call));
+    }
     let options = Options {
         from,
         initial: call.start.initial,

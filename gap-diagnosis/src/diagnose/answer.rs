@@ -9,7 +9,7 @@ use super::gap::{Gap, Left, LeftWith, ShareOf, Three, expected, gap, shares};
 use super::hypothesis::Installed;
 use super::judge::Course;
 use super::next::{NextExperiment, next_experiment};
-use super::plants::{Benches, Played, Variant};
+use super::plants::{Begun, Benches, Played, Variant};
 use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, size_of_scatter};
 use super::refit::{has_gap, led_without_one, refitted};
 use super::screen::Lead;
@@ -216,8 +216,9 @@ pub(super) fn answer(
         random.push(noise.clone());
     }
     let found = augment(search, &benches.fitted, &course.refit, explanation, random);
-    let three = play(benches, course, &found, explanation.is_some());
-    let spread = found.spread(benches);
+    let begun = benches.begun(&found.variant);
+    let three = play(benches, course, &found, begun.as_ref(), explanation.is_some());
+    let spread = found.spread(benches, begun.as_ref(), &three.augmented[..benches.fitted.records.len()]);
     let left = Left { with: left_with, spread: &spread, left_out_m2: found.left_out_m2.as_deref() };
     let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
@@ -339,13 +340,14 @@ fn is_one_plant(search: &Search<'_>, course: &Course, benches: &Benches<'_>) -> 
 }
 
 /// The three plants on all logs.
-fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, is_explained: bool) -> Three {
+fn play(benches: &Benches<'_>, course: &Course, found: &Augmented, begun: Option<&Begun>, is_explained: bool) -> Three {
     let fitted = &benches.fitted;
     let refit =
         Variant { hypothesis: course.refit.hypothesis.clone(), z: course.refit.found.z.clone(), starts_known: true };
     let nominal = refit.part(fitted, false, |_| true);
-    let played = benches.play(&refit);
-    let augmented = if is_explained { benches.play(&found.variant) } else { benches.play(&refit) };
+    let augmented = benches.play_from(&found.variant, begun);
+    // Without a name the refit is what was found.
+    let played = if is_explained { benches.play(&refit) } else { augmented.clone() };
     let not_portable = if found.variant.has_own_parts() {
         let by_others = benches.play_fitted(&found.variant.as_others(fitted));
         let parts = augmented.iter().zip(&by_others).zip(&fitted.records);

@@ -4,7 +4,7 @@ use super::bench::{Bench, Record};
 use super::descend::{covariance, descend, left_out_m2};
 use super::explanation::Explanation;
 use super::hypothesis::Freedom;
-use super::plants::{self, Benches, Played, Spread, Variant, carry};
+use super::plants::{self, Begun, Benches, Played, Spread, Variant, carry};
 use super::random::Random;
 use super::refit::{come_home, has_gap, nominal};
 use super::search::{Candidate, Search};
@@ -161,17 +161,13 @@ impl Augmented {
     }
 
     /// What the uncertainty of all shared numbers and of the starts makes on the held-out rows that are scored. A few undetermined ones make most of it.
-    pub fn spread(&self, benches: &Benches<'_>) -> Spread {
-        let Some(open) = self.covariance.as_ref().filter(|_| benches.held.is_some()) else {
-            return Spread::default();
-        };
-        let fitted = benches.play_fitted(&self.variant);
-        let moves = |covariance: &DMatrix<f64>| self.moves(benches, &fitted, covariance);
+    /// `begun` are these as the held-out logs begin, `fitted` what is predicted for the others.
+    pub fn spread(&self, benches: &Benches<'_>, begun: Option<&Begun>, fitted: &[Played]) -> Spread {
+        let Some((open, begun)) = self.covariance.as_ref().zip(begun) else { return Spread::default() };
+        let moves = |covariance: &DMatrix<f64>| self.moves(benches, fitted, covariance);
         match &self.at_rest {
-            None => benches.spread(&self.variant, &moves(open), &[], 0.0),
-            Some((at_rest, charged)) => {
-                benches.spread(&self.variant, &moves(at_rest), &moves(&(open - at_rest)), *charged)
-            }
+            None => benches.spread(begun, &moves(open), &[], 0.0),
+            Some((at_rest, charged)) => benches.spread(begun, &moves(at_rest), &moves(&(open - at_rest)), *charged),
         }
     }
 

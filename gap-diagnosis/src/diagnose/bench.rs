@@ -20,6 +20,8 @@ const BOUND: f64 = 1.5;
 const LEAST_REACH: f64 = 0.1;
 /// Width of what a hysteron holds that only motions near the rig's end fill, as atanh of a share of the most; one for the others.
 const SELDOM: f64 = 0.5;
+/// A unit of what a hysteron without a dead zone still holds, as a share of the drive.
+const LEAKING: f64 = 0.05;
 /// Thinnings that are tried, and the rows that the plant's own period keeps.
 const FACTORS: [usize; 2] = [4, 2];
 const ROWS_PER_PERIOD: f64 = 6.0;
@@ -222,7 +224,7 @@ impl<'a> Bench<'a> {
     }
 
     /// The same of records that know their noise.
-    fn of(model: &'a Model, records: Vec<Record<'a>>) -> Self {
+    pub(super) fn of(model: &'a Model, records: Vec<Record<'a>>) -> Self {
         let mut base = Base { chain: model.nominal_chain(), effects: model.effects.clone() };
         // What the plant states it must replay; a bend that is followed coarsely leaves a gap of its own.
         base.chain.parts.is_coarse = model.chain().parts.bends.is_empty();
@@ -298,7 +300,19 @@ impl<'a> Bench<'a> {
 
     /// Hysterons of the nominal plant and of what `hypothesis` adds.
     pub(super) fn hysterons(&self, hypothesis: &Hypothesis) -> usize {
-        self.chain.plant.hysterons.len() + hypothesis.installed.iter().map(|i| i.hysterons).sum::<usize>()
+        self.chain.plant.hysterons.len() + hypothesis.installed.iter().map(|i| i.holds.len()).sum::<usize>()
+    }
+
+    /// Which of them may hold something when a log begins.
+    pub(super) fn memories(&self, hypothesis: &Hypothesis) -> Vec<usize> {
+        let own = self.chain.plant.hysterons.iter().map(|hysteron| hysteron.edge_v() > 0.0);
+        let added = hypothesis.installed.iter().flat_map(|installed| installed.holds.iter().copied());
+        let may = |holds_at_rest: bool| match hypothesis.freedom {
+            Freedom::Relaxed => false,
+            Freedom::Rest => holds_at_rest,
+            Freedom::Any => true,
+        };
+        own.chain(added).enumerate().filter(|(_, holds)| may(*holds)).map(|(i, _)| i).collect()
     }
 
     /// Oscillators of the nominal plant and of what `hypothesis` adds.
@@ -436,7 +450,7 @@ impl<'a> Bench<'a> {
         rules
     }
 
-    /// Coordinates with the nominal plant, rest before each log, and every form at nothing.
+    /// Coordinates where their priors are centred: the nominal plant, every form at nothing, and before each log rest or what is usual.
     pub fn origin(&self, hypothesis: &Hypothesis) -> Vec<f64> {
         self.rules(hypothesis).iter().map(|rule| rule.centre).collect()
     }
@@ -516,7 +530,8 @@ impl<'a> Bench<'a> {
             }
             Freedom::Any => {
                 for i in 0..count {
-                    held_v[i] = hysterons[i].edge_v() * own[1 + i];
+                    let edge_v = hysterons[i].edge_v();
+                    held_v[i] = own[1 + i] * if edge_v > 0.0 { edge_v } else { LEAKING * self.drive_v };
                 }
                 own[0]
             }

@@ -14,6 +14,8 @@ const OTHER_UNIT: f64 = 30.0;
 const CORRELATED: f64 = 0.5;
 /// Rows that a check looks at: so many say it as well as all.
 const LOOKED_AT: usize = 200_000;
+/// Share of a prediction's squares that is rounding.
+const ROUNDING: f64 = 1e-12;
 /// Rates that differ by more than this are different.
 const SAME_RATE: f64 = 1e-3;
 
@@ -147,8 +149,11 @@ pub(super) fn check_plant(bench: &Bench<'_>, needs_excitation: bool) -> Result<(
         return Err(DiagnoseError::NoExcitation { logs: names.join(", ") });
     }
     let name = |index: usize| bench.records[index].log.name.clone();
+    let responses =
+        // In order, so that which log an error names does not hang on the number of threads.
+        moving.par_iter().map(|&index| respond(bench, index)).collect::<Vec<_>>();
     let responses: Vec<(usize, Response)> =
-        moving.par_iter().map(|&index| respond(bench, index).map(|r| (index, r))).collect::<Result<_, _>>()?;
+        moving.iter().zip(responses).map(|(&index, one)| one.map(|r| (index, r))).collect::<Result<_, _>>()?;
     let clear: Vec<&(usize, Response)> = responses.iter().filter(|(_, r)| r.correlation.abs() > CORRELATED).collect();
     // The middle log is the unit of all; what is far from it stands out.
     let mut sorted: Vec<&(usize, Response)> = clear.clone();
@@ -209,10 +214,12 @@ fn respond(bench: &Bench<'_>, index: usize) -> Result<Response, DiagnoseError> {
     if !(p.is_finite() && pp.is_finite()) {
         return Err(DiagnoseError::Diverges { log: record.log.name.clone() });
     }
+    // What is left of a prediction that never moves is rounding.
+    let moves = pp - p * p / n > ROUNDING * pp;
     let (yy, pp, yp) = (yy - y * y / n, pp - p * p / n, yp - y * p / n);
     Ok(Response {
-        slope: yp / pp.max(f64::MIN_POSITIVE),
-        correlation: yp / (yy * pp).sqrt().max(f64::MIN_POSITIVE),
+        slope: if moves { yp / pp } else { 0.0 },
+        correlation: if moves { yp / (yy * pp).sqrt().max(f64::MIN_POSITIVE) } else { 0.0 },
         gap_m2: (yy - 2.0 * yp + pp).max(0.0),
         displacement_m2: yy,
     })
@@ -234,4 +241,28 @@ pub(super) fn warnings(logs: &[Log], held_out: &[Log]) -> Vec<String> {
         ));
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+
+    /// A log whose only step lies in its run-in responds to nothing; what its sums are off by is rounding.
+    #[test]
+    fn a_prediction_that_does_not_move_is_no_response() {
+        let model = thesis();
+        for volts in (1..20).map(|n| 3.1 * f64::from(n)) {
+            let mut log = Log { dt_s: 5e-5, displacement_m: vec![0.0; 9000], ..Log::default() };
+            log.command_v = (0..9000).map(|k| if k < 100 { 0.0 } else { volts }).collect();
+            log.displacement_m.iter_mut().enumerate().for_each(|(k, y)| *y = 1e-6 * volts + 1e-8 * (k % 7) as f64);
+            let bench = Bench::new(&model, vec![record(&log, &model.chain(), Some(0.4))]);
+            let Response { slope, correlation, .. } = respond(&bench, 0).expect("a response");
+            assert!(
+                correlation.abs() < CORRELATED && slope.abs() < OTHER_UNIT,
+                "{volts} V: {slope:e}, {correlation:e}"
+            );
+        }
+    }
 }

@@ -24,8 +24,8 @@ pub struct Installed {
     pub form: &'static Form,
     /// One axis for each parameter.
     pub axes: Vec<Axis>,
-    /// Hysterons that it adds to the plant: each log begins with what they hold.
-    pub hysterons: usize,
+    /// Whether each of the hysterons that it adds to the plant holds something at rest: one without a dead zone leaks until it holds nothing.
+    pub holds: Vec<bool>,
     /// Oscillators that it adds, modes and arms: a log that may begin anywhere begins with each of them somewhere.
     pub modes: usize,
     /// Whether it has a memory besides, a play or a presliding friction.
@@ -162,11 +162,12 @@ impl Hypothesis {
         let plant = scales.plant.clone();
         let mut chain = Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL };
         (form.install)(&mut chain, &values);
-        let hysterons = chain.plant.hysterons.len().saturating_sub(scales.plant.hysterons.len());
+        let holds =
+            chain.plant.hysterons.iter().skip(scales.plant.hysterons.len()).map(|one| one.edge_v() > 0.0).collect();
         let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
         let mut installed = self.installed.clone();
         let modes = chain.parts.modes.len() + chain.parts.arms.len();
-        installed.push(Installed { effect, form, axes, hysterons, modes, remembers, squares_of_own: Vec::new() });
+        installed.push(Installed { effect, form, axes, holds, modes, remembers, squares_of_own: Vec::new() });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, ..Self::nominal(freedom) }
     }

@@ -64,7 +64,7 @@ impl Course {
         has_gap(&self.refit)
     }
 
-    /// Whether no explanation is as probable as that there is none.
+    /// Whether no explanation is by itself as probable as that there is none: a refit is led anew more often than the verdict is `unknown`.
     fn is_unknown(&self) -> bool {
         self.has_gap() && self.explanations.iter().all(|explanation| explanation.probability < self.unknown)
     }

@@ -17,6 +17,12 @@ const RUN_AWAY_M: f64 = 1.0;
 /// Most sensitivities that are kept, of all rows of all logs: 64 MB.
 const MOST_KEPT: usize = 8_000_000;
 
+/// Where a plant's reading is one in a log that it is played on, else far off: what it misses stays a number.
+pub(super) fn or_far_off_m(reading_m: f64) -> f64 {
+    // Not a number is no less than anything.
+    if reading_m.abs() < RUN_AWAY_M { reading_m } else { RUN_AWAY_M }
+}
+
 /// Sums over the fitted rows of one log.
 #[derive(Clone, Debug)]
 pub struct Sums {
@@ -454,6 +460,7 @@ mod tests {
     use super::*;
     use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
+    use crate::diagnose::starts::play_log;
     use crate::diagnose::thesis;
     use plant_sim::effects::find;
 
@@ -474,6 +481,9 @@ mod tests {
         assert!((0..log.len()).any(|_| !reader.next_m().is_finite()), "the test needs a plant that runs away");
         let normal = evaluate(&bench, &hypothesis, &z, Sensitivities::All, &AtomicUsize::new(0));
         assert_eq!(normal.rms_m(), RUN_AWAY_M);
+        // What is played for a reader as well: a miss that is no number would be none.
+        let played = play_log(&bench, &hypothesis, &z, 0);
+        assert!(played.iter().all(|y| y.abs() <= RUN_AWAY_M) && played.contains(&RUN_AWAY_M));
     }
 
     /// A monitor that reads what it should has errors far below what it may be off by: they make up for nothing that the displacement is off by.

@@ -5,7 +5,7 @@
 
 use super::bench::{Bench, Record};
 use super::hypothesis::{Freedom, Hypothesis, Installed};
-use super::normal::reader;
+use super::normal::{or_far_off_m, reader};
 use super::records::{record, share_noise};
 use super::starts::{Settled, play_log, scored_from, settle, sought};
 use nalgebra::{DMatrix, DVector};
@@ -30,6 +30,14 @@ pub(super) struct Variant {
     pub z: Vec<f64>,
     /// Whether the coordinates hold the starts of the fitted logs; if not they are fitted like those of held-out logs.
     pub starts_known: bool,
+}
+
+/// How the held-out logs begin with a plant.
+pub(super) struct Begun {
+    /// The plant, where it knows of other logs what is usual; coordinates on the fitted logs.
+    variant: Variant,
+    /// The start of each.
+    starts: Vec<Settled>,
 }
 
 /// What a variant predicts for every row of one log: the reading of an ideal sensor, metres.
@@ -96,8 +104,16 @@ impl<'a> Benches<'a> {
 
     /// What `variant` predicts for all logs, fitted ones first.
     pub fn play(&self, variant: &Variant) -> Vec<Played> {
+        self.play_from(variant, self.begun(variant).as_ref())
+    }
+
+    /// The same where it is known how the held-out logs begin with it.
+    pub fn play_from(&self, variant: &Variant, begun: Option<&Begun>) -> Vec<Played> {
         let mut played = self.play_fitted(variant);
-        played.extend(self.play_held(variant));
+        if let Some((held, begun)) = self.held.as_ref().zip(begun) {
+            let one = |(index, start): (usize, &Settled)| play_log(held, &begun.variant.hypothesis, &start.z, index);
+            played.par_extend(begun.starts.par_iter().enumerate().map(one));
+        }
         played
     }
 
@@ -106,66 +122,63 @@ impl<'a> Benches<'a> {
         play_on(&self.fitted, &variant.hypothesis, &variant.z, !variant.starts_known)
     }
 
-    /// What `variant` predicts for the held-out logs.
-    pub fn play_held(&self, variant: &Variant) -> Vec<Played> {
-        let Some(held) = &self.held else { return Vec::new() };
-        let variant = &self.as_usual(variant);
-        let starts = self.starts(held, variant);
-        let one = |(index, start): (usize, &Settled)| play_log(held, &variant.hypothesis, &start.z, index);
-        starts.par_iter().enumerate().map(one).collect()
+    /// How the held-out logs begin with `variant`; none without such logs.
+    pub fn begun(&self, variant: &Variant) -> Option<Begun> {
+        let held = self.held.as_ref()?;
+        let (hypothesis, z) = self.on_others(held, variant, variant.z.clone());
+        let one = |index: usize| sought(held, &hypothesis, z.clone(), index);
+        let starts = (0..held.records.len()).into_par_iter().map(one).collect();
+        Some(Begun { variant: Variant { hypothesis, ..variant.clone() }, starts })
     }
 
-    /// `variant` where it knows of other logs what is usual.
-    fn as_usual(&self, variant: &Variant) -> Variant {
-        Variant { hypothesis: variant.hypothesis.as_usual(&self.fitted, &variant.z), ..variant.clone() }
+    /// What `variant` is at `z` where it knows of other logs what is usual, and its coordinates on those of `held`.
+    fn on_others(&self, held: &Bench<'_>, variant: &Variant, z: Vec<f64>) -> (Hypothesis, Vec<f64>) {
+        let hypothesis = variant.hypothesis.as_usual(&self.fitted, &z);
+        let there = carry(&self.fitted, &hypothesis, &z, held, &hypothesis, false);
+        (hypothesis, there)
     }
 
-    /// Where the held-out logs start with `variant`.
-    fn starts(&self, held: &Bench<'_>, variant: &Variant) -> Vec<Settled> {
-        let z = carry(&self.fitted, &variant.hypothesis, &variant.z, held, &variant.hypothesis, false);
-        let one = |index: usize| sought(held, &variant.hypothesis, z.clone(), index);
-        (0..held.records.len()).into_par_iter().map(one).collect()
-    }
-
-    /// What is open where the coordinates of `variant` are moved by each of `moves`, with a probability of `charged` also by those of `if_charged`, and
-    /// where the starts are what the first stretches leave open of them.
-    pub fn spread(&self, variant: &Variant, moves: &[Vec<f64>], if_charged: &[Vec<f64>], charged: f64) -> Spread {
+    /// What is open where the coordinates of the plant that has `begun` are moved by each of `moves`, with a probability of `charged` also by those of
+    /// `if_charged`, and where the starts are what the first stretches leave open of them.
+    pub fn spread(&self, begun: &Begun, moves: &[Vec<f64>], if_charged: &[Vec<f64>], charged: f64) -> Spread {
         let Some(held) = &self.held else { return Spread::default() };
-        let variant = &self.as_usual(variant);
-        let starts = self.starts(held, variant);
-        let starts_m2 = starts_m2(held, &variant.hypothesis, &starts);
+        let Begun { variant, starts } = begun;
+        let starts_m2 = starts_m2(held, &variant.hypothesis, starts);
         // Changes add up row by row; along the axes of their products each has a power of its own.
         let powers_m2 = |moves: &[Vec<f64>]| -> Vec<f64> {
             if moves.is_empty() {
                 return Vec::new();
             }
-            let moved_m2 = self.moved_m2(held, variant, &starts, moves).symmetric_eigenvalues();
+            let moved_m2 = self.moved_m2(held, begun, moves).symmetric_eigenvalues();
             moved_m2.iter().map(|m2| m2.max(0.0)).collect()
         };
         Spread { starts_m2, numbers_m2: powers_m2(moves), charged_m2: powers_m2(if_charged), charged }
     }
 
     /// What the predictions for the held-out logs change on the rows that are scored when the coordinates of `variant` are moved by each of `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
-    fn moved_m2(&self, held: &Bench<'_>, variant: &Variant, starts: &[Settled], moves: &[Vec<f64>]) -> DMatrix<f64> {
+    fn moved_m2(&self, held: &Bench<'_>, begun: &Begun, moves: &[Vec<f64>]) -> DMatrix<f64> {
         let zero = || DMatrix::zeros(moves.len(), moves.len());
+        let Begun { variant, starts } = begun;
         let hypothesis = &variant.hypothesis;
+        let moved = |by: &Vec<f64>| {
+            let there = variant.z.iter().zip(by).map(|(z, by)| z + by).collect();
+            self.on_others(held, variant, there)
+        };
+        let moved: Vec<(Hypothesis, Vec<f64>)> = moves.iter().map(moved).collect();
         let one = |(index, start): (usize, &Settled)| -> DMatrix<f64> {
             let record = &held.records[index];
-            let moved = |by: &Vec<f64>| {
-                let mut there = variant.z.clone();
-                there.iter_mut().zip(by).for_each(|(z, by)| *z += by);
-                let hypothesis = hypothesis.as_usual(&self.fitted, &there);
-                let there = carry(&self.fitted, &hypothesis, &there, held, &hypothesis, false);
-                start.follow(held, &hypothesis, there, index)
-            };
-            let moved: Vec<Vec<f64>> = moves.iter().map(moved).collect();
+            let follow = |(hypothesis, z): &(Hypothesis, Vec<f64>)| start.follow(held, hypothesis, z.clone(), index);
+            let moved: Vec<Vec<f64>> = moved.iter().map(follow).collect();
             // All plants row by row beside each other: what each predicts for a long log need not be kept.
             let mut here = reader(held, hypothesis, &start.z, index);
             let mut there: Vec<_> = moved.iter().map(|z| reader(held, hypothesis, z, index)).collect();
             let mut products = zero();
             for row in 0..record.log.len() {
-                let here_m = here.next_m();
-                let by = DVector::from_iterator(there.len(), there.iter_mut().map(|there| there.next_m() - here_m));
+                let here_m = or_far_off_m(here.next_m());
+                let by = DVector::from_iterator(
+                    there.len(),
+                    there.iter_mut().map(|there| or_far_off_m(there.next_m()) - here_m),
+                );
                 if row >= scored_from(record) {
                     products.ger(1.0, &by, &by, 1.0);
                 }
@@ -199,8 +212,9 @@ fn scored_rows(held: &Bench<'_>) -> f64 {
     held.records.iter().map(|record| record.log.len() - scored_from(record)).sum::<usize>().max(1) as f64
 }
 
+/// The bench of `records` that know their noise, laws followed finely.
 pub(super) fn fine<'a>(model: &'a Model, records: Vec<Record<'a>>) -> Bench<'a> {
-    let mut bench = Bench::new(model, records);
+    let mut bench = Bench::of(model, records);
     [&mut bench.chain, &mut bench.base.chain].into_iter().for_each(|chain| chain.parts.is_coarse = false);
     bench
 }
@@ -252,7 +266,7 @@ fn play_on(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], settle_starts:
 }
 
 /// Coordinates of `to` on bench `there` that keep what was found for `from` on bench `here`: numbers and shared parameters, and on
-/// the `same` logs what each has of its own. What a log has of its own stays at rest, and at nothing, elsewhere.
+/// the `same` logs what each has of its own. What a log has of its own is where its prior is centred, elsewhere.
 pub(super) fn carry(
     here: &Bench<'_>,
     from: &Hypothesis,
@@ -297,4 +311,31 @@ pub(super) fn carry(
         }
     }
     carried
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::thesis;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    /// The fitted logs say what is noise; a held-out one is not measured by the quieter of its own kind.
+    #[test]
+    fn held_out_logs_have_their_noise_from_all_logs() {
+        let model = thesis();
+        let mut random = Pcg64::seed_from_u64(8);
+        let mut of = |noise_m: f64| {
+            let mut log = Log { dt_s: 5e-5, command_v: vec![0.0; 4000], ..Log::default() };
+            log.displacement_m = (0..4000).map(|_| noise_m * 1.7 * random.random_range(-1.0..1.0)).collect();
+            log
+        };
+        let (fitted, held_out) = ([of(2e-8), of(2e-8), of(2e-8)], [of(1e-8), of(2e-8)]);
+        let chain = model.chain();
+        let mut records: Vec<Record<'_>> = fitted.iter().map(|log| record(log, &chain, None)).collect();
+        share_noise(&mut records, None);
+        let benches = Benches::new(&model, records, &held_out, None);
+        let noise_m: Vec<f64> = benches.held.iter().flat_map(|held| &held.records).map(|one| one.noise_m).collect();
+        assert!((1.8..2.2).contains(&(noise_m[1] / noise_m[0])), "{noise_m:?}");
+    }
 }

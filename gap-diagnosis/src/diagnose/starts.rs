@@ -4,8 +4,8 @@
 //! relaxed, and a stretch that agrees with that to the noise is hardly there by chance.
 
 use super::bench::{Bench, Record, Rule, add_priors};
-use super::hypothesis::{Freedom, Hypothesis};
-use super::normal::{self, reader};
+use super::hypothesis::Hypothesis;
+use super::normal::{self, or_far_off_m, reader};
 use super::plants::Played;
 use crate::residual::samples_per_independent;
 use nalgebra::{DMatrix, DVector};
@@ -38,7 +38,7 @@ pub(super) fn scored_from(record: &Record<'_>) -> usize {
 /// What the plant at `z` predicts for log `index`.
 pub(super) fn play_log(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &[f64], index: usize) -> Played {
     let mut reader = reader(bench, hypothesis, z, index);
-    bench.records[index].log.displacement_m.iter().map(|_| reader.next_m()).collect()
+    bench.records[index].log.displacement_m.iter().map(|_| or_far_off_m(reader.next_m())).collect()
 }
 
 /// Fits the start of log `index` to its first stretch, everything else held. Where its coordinates as they are do not lead to the noise,
@@ -133,7 +133,7 @@ impl Settled {
         let hypothesis = &self.by(hypothesis);
         let stretch = FirstStretch::new(bench, hypothesis, index);
         stretch.places.iter().for_each(|place| z[*place] = self.z[*place]);
-        let relaxed = (self.memories < stretch.memories).then(|| stretch.relaxed().settled(z.clone()));
+        let relaxed = (self.memories < stretch.memories.len()).then(|| stretch.relaxed().settled(z.clone()));
         let all = std::iter::once(stretch.settled(z.clone())).chain(relaxed).collect();
         most_probable(all).map_or(z, |settled| settled.z)
     }
@@ -153,12 +153,13 @@ impl Settled {
         let weight = 1.0 / (noise2.max(self.mean2) * samples_per_independent(&self.left));
         let way = |place: usize, sign: f64| {
             let there = |share: f64| {
-                let (mut z, mut held) = (self.z.clone(), FirstStretch::new(bench, hypothesis, index));
+                let mut z = self.z.clone();
                 let Rule { sigma, bounds: [low, high], .. } = stretch.rules[place];
                 let at = &mut z[stretch.places[place]];
                 *at = (*at + sign * share * sigma).clamp(low, high);
-                held.rules[place] = Rule { centre: *at, sigma: PINNED * sigma, ..held.rules[place] };
-                held.settled(z)
+                let mut holding = stretch.clone();
+                holding.hold(place, *at);
+                holding.settled(z)
             };
             let cost = |share: f64| {
                 let there = there(share);
@@ -168,7 +169,7 @@ impl Settled {
             there(reach(cost)).z
         };
         // Of a start that is hardly relaxed by chance nothing is open.
-        let open = if self.memories < stretch.memories { 0 } else { stretch.starts };
+        let open = if self.memories < stretch.memories.len() { 0 } else { stretch.starts };
         (0..open).map(|place| [1.0, -1.0].map(|sign| way(place, sign))).collect()
     }
 }
@@ -204,11 +205,11 @@ fn is_at_noise(mean2: f64, record: &Record<'_>) -> bool {
     mean2 < (SETTLED * record.noise_m).powi(2)
 }
 
-/// Nowhere, then near either edge of one hysteron after the other, then of several at once.
-fn corners(hysterons: usize) -> Vec<Vec<f64>> {
+/// Nowhere, then near either edge of one memory after the other, then of several at once.
+fn corners(memories: usize) -> Vec<Vec<f64>> {
     let mut all: Vec<Vec<f64>> = vec![Vec::new()];
-    for hysteron in 0..hysterons {
-        let places: &[f64] = if hysteron < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
+    for memory in 0..memories {
+        let places: &[f64] = if memory < MOST_CORNERS { &[0.0, -NEAR_EDGE, NEAR_EDGE] } else { &[0.0] };
         let with = |edges: Vec<f64>| places.iter().map(move |edge| edges.iter().copied().chain([*edge]).collect());
         all = all.into_iter().flat_map(with).collect();
     }
@@ -217,6 +218,7 @@ fn corners(hysterons: usize) -> Vec<Vec<f64>> {
 }
 
 /// The first stretch of a log, and how its start may move there.
+#[derive(Clone)]
 struct FirstStretch<'b> {
     bench: &'b Bench<'b>,
     hypothesis: &'b Hypothesis,
@@ -228,9 +230,9 @@ struct FirstStretch<'b> {
     rules: Vec<Rule>,
     /// How many are the start's.
     starts: usize,
-    /// Hysterons that may hold something.
-    memories: usize,
-    /// Those of them of which other logs tell what they hold.
+    /// Which of them are what hysterons hold that may hold something.
+    memories: Vec<usize>,
+    /// How many of those other logs tell.
     known: usize,
     /// What these say against a relaxed start, in squares, where that is what is sought.
     against: f64,
@@ -245,18 +247,25 @@ impl<'b> FirstStretch<'b> {
         // A step of any size is none to scale by.
         let within = |rule: Rule| Rule { most: rule.most.min(rule.bounds[1] - rule.bounds[0]), ..rule };
         let rules = places.iter().map(|place| within(all[*place])).collect();
-        let hysterons = if hypothesis.freedom == Freedom::Relaxed { 0 } else { bench.hysterons(hypothesis) };
-        let known = hypothesis.usually_held.iter().take(hysterons).flatten().count();
-        Self { bench, hypothesis, index, rows, places, rules, starts, memories: hysterons, known, against: 0.0 }
+        let hysterons = bench.memories(hypothesis);
+        let is_known = |i: &&usize| hypothesis.usually_held.get(**i).is_some_and(Option::is_some);
+        let known = hysterons.iter().filter(is_known).count();
+        let memories = hysterons.into_iter().map(|i| 1 + i).collect();
+        Self { bench, hypothesis, index, rows, places, rules, starts, memories, known, against: 0.0 }
     }
 
     /// The same with hysterons that hold nothing.
     fn relaxed(&self) -> Self {
-        let mut rules = self.rules.clone();
-        let memories = rules.iter_mut().skip(1).take(self.memories);
-        memories.for_each(|rule| (rule.centre, rule.sigma) = (0.0, PINNED * rule.sigma));
         let against = self.hypothesis.usually_held.iter().flatten().map(|held| held.against_nothing).sum();
-        Self { rules, memories: 0, known: 0, against, rows: self.rows.clone(), places: self.places.clone(), ..*self }
+        let mut relaxed = Self { memories: Vec::new(), known: 0, against, ..self.clone() };
+        self.memories.iter().for_each(|place| relaxed.hold(*place, 0.0));
+        relaxed
+    }
+
+    /// Holds what is at `place` at `z`.
+    fn hold(&mut self, place: usize, z: f64) {
+        let rule = &mut self.rules[place];
+        (rule.centre, rule.sigma) = (z, PINNED * rule.sigma);
     }
 
     /// The same with all rows of the log.
@@ -266,9 +275,9 @@ impl<'b> FirstStretch<'b> {
 
     /// Where the start settles from `z` as it is and from every corner beside it.
     fn settlings(&self, z: Vec<f64>) -> impl Iterator<Item = Settled> {
-        corners(self.memories).into_iter().map(move |edges| {
+        corners(self.memories.len()).into_iter().map(move |edges| {
             let mut there = z.clone();
-            self.places.iter().skip(1).zip(edges).for_each(|(place, edge)| there[*place] += edge);
+            self.memories.iter().zip(edges).for_each(|(memory, edge)| there[self.places[*memory]] += edge);
             self.settled(there)
         })
     }
@@ -279,7 +288,7 @@ impl<'b> FirstStretch<'b> {
         let (mut chain, start) = normal::at(self.bench, self.hypothesis, z, self.index);
         chain.parts.is_coarse = true;
         let mut reader = Reader::new(&chain, log, &start);
-        let left = log.displacement_m[..self.rows.end].iter().map(|y| y - reader.next_m()).enumerate();
+        let left = log.displacement_m[..self.rows.end].iter().map(|y| y - or_far_off_m(reader.next_m())).enumerate();
         left.filter(|(row, _)| self.bench.records[self.index].fits(*row)).map(|(_, left)| left).collect()
     }
 
@@ -376,7 +385,15 @@ impl<'b> FirstStretch<'b> {
             is_fresh = false;
         }
         let (mean2, prior_cost) = (dot(&here, &here) / here.len().max(1) as f64, self.prior(&z));
-        Settled { mean2, left: here, prior_cost, memories: self.memories, known: self.known, against: self.against, z }
+        Settled {
+            mean2,
+            left: here,
+            prior_cost,
+            memories: self.memories.len(),
+            known: self.known,
+            against: self.against,
+            z,
+        }
     }
 }
 
@@ -387,7 +404,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::hypothesis::Held;
+    use crate::diagnose::hypothesis::{Freedom, Held};
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
     use plant_sim::effects::find;
@@ -495,6 +512,36 @@ mod tests {
         record.noise_m = 20e-9;
         let bench = Bench::new(&model, vec![record]);
         let found = sought(&bench, &any, bench.origin(&any), 0);
+        assert!(found.mean2.sqrt() < 1.1 * 20e-9, "{:e}", found.mean2.sqrt());
+    }
+
+    /// At rest what has no dead zone holds nothing; a log that was cut while it crept may.
+    #[test]
+    fn a_start_anywhere_may_still_be_creeping() {
+        let (model, mut log) = log(&[0.0, 0.0]);
+        fn known<'l>(log: &'l Log, model: &Model) -> Vec<Record<'l>> {
+            vec![Record { noise_m: 20e-9, ..record(log, &model.chain(), None) }]
+        }
+        let effect = find("creep").expect("an entry");
+        let form = effect.forms().iter().find(|form| form.name == "kelvin-voigt").expect("a form");
+        let (creeping, mut z, chain) = {
+            let bench = Bench::new(&model, known(&log, &model));
+            let creeping = Hypothesis::nominal(Freedom::Any).with(effect, form, &bench.scales());
+            let mut z = bench.origin(&creeping);
+            bench.set_last(&creeping, &mut z, &[0.05, 0.1]);
+            let chain = bench.chain_at(&creeping, &z, 0);
+            (creeping, z, chain)
+        };
+        log.displacement_m = predict(&chain, &log, &Start::at_rest(&chain, 0.0, vec![0.0, 0.0, 2.0]), log.len());
+        let relaxed = predict(&chain, &log, &Start::at_rest(&chain, 0.0, vec![0.0; 3]), log.len());
+        assert!((log.displacement_m[0] - relaxed[0]).abs() > 1e-7, "{:e}", log.displacement_m[0]);
+        let mut random = Pcg64::seed_from_u64(7);
+        log.displacement_m.iter_mut().for_each(|y| *y += 20e-9 * random.random_range(-1.7..1.7));
+        let bench = Bench::new(&model, known(&log, &model));
+        let numbers: Vec<f64> = bench.places(&creeping, 0)[0].iter().map(|place| z[*place]).collect();
+        z = bench.origin(&creeping);
+        bench.places(&creeping, 0)[0].iter().zip(numbers).for_each(|(place, number)| z[*place] = number);
+        let found = sought(&bench, &creeping, z, 0);
         assert!(found.mean2.sqrt() < 1.1 * 20e-9, "{:e}", found.mean2.sqrt());
     }
 

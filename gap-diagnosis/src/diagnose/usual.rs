@@ -94,10 +94,13 @@ impl Hypothesis {
             };
             let of_all = log_odds(&places)?;
             let told = places.iter().filter(|place| is_told(covariance, &rules, **place));
-            let of_one = told.filter_map(|place| log_odds(&[*place])).fold(0.0, f64::max);
-            (of_all > AGAINST).then_some(1.0 / (1.0 + of_one.exp()))
+            let of_one = told.filter_map(|place| log_odds(&[*place])).reduce(f64::max).unwrap_or(0.0);
+            // Logs that agree with one another speak for what they agree on, rest or not.
+            (of_all.min(of_one) > AGAINST).then_some(1.0 / (1.0 + of_one.exp()))
         };
-        let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of_hysteron).collect();
+        let memories = bench.memories(self);
+        let of = |i: usize| if memories.contains(&i) { of_hysteron(i) } else { None };
+        let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of).collect();
         let nothing = Held { mean: 0.0, width: NOTHING, against_nothing: 0.0 };
         let usually_held = charged.iter().map(|charged| charged.map(|_| nothing)).collect();
         let probability = charged.into_iter().flatten().reduce(f64::max)?;
@@ -230,6 +233,7 @@ mod tests {
     use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
+    use plant_sim::effects::find;
     use plant_sim::log::Log;
 
     /// Of logs that tell one number each equally well.
@@ -284,6 +288,34 @@ mod tests {
         assert!(hypothesis.resting(&bench, &z, &covariance).is_some());
         z[place(2, 0)] = 0.5 * rules[place(2, 0)].sigma;
         assert!(hypothesis.resting(&bench, &z, &covariance).is_none());
+    }
+
+    #[test]
+    fn logs_that_agree_on_a_charge_do_not_rest_and_what_leaks_is_no_memory() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![0.0; 400], ..Log::default() };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None); 4]);
+        let creep = find("creep").expect("an entry");
+        let hypothesis = Hypothesis::nominal(Freedom::Rest).with(creep, &creep.forms()[0], &bench.scales());
+        assert!(bench.hysterons(&hypothesis) > 2);
+        assert_eq!(bench.memories(&hypothesis), [0, 1]);
+        let anywhere = Hypothesis { freedom: Freedom::Any, ..hypothesis.clone() };
+        assert_eq!(bench.memories(&anywhere).len(), bench.hysterons(&hypothesis));
+        let place = |log: usize, hysteron: usize| bench.own_start(&hypothesis, log) + 1 + hysteron;
+        let (mut z, rules) = (bench.origin(&hypothesis), bench.rules(&hypothesis));
+        let sigma2 = |i: usize| rules[i].sigma.min(10.0).powi(2);
+        let mut covariance = DMatrix::from_fn(z.len(), z.len(), |i, j| if i == j { sigma2(i) } else { 0.0 });
+        for k in 0..16 {
+            covariance[(place(k / 4, 0), place(k % 4, 0))] =
+                if k / 4 == k % 4 { 0.01 } else { 0.00999 } * sigma2(place(0, 0));
+            covariance[(place(k / 4, 1), place(k / 4, 1))] = 1e-2 * sigma2(place(0, 1));
+        }
+        let (_, charged) = hypothesis.resting(&bench, &z, &covariance).expect("all rest");
+        assert!((charged - 1.0 / 11.0).abs() < 2e-3, "{charged}");
+        // All logs have five sigma of it, and agree to a seventh of one.
+        (0..4).for_each(|log| z[place(log, 0)] = 0.5 * rules[place(log, 0)].sigma);
+        let (resting, _) = hypothesis.resting(&bench, &z, &covariance).expect("the other one rests");
+        assert!(resting.usually_held[0].is_none() && resting.usually_held[1].is_some());
     }
 
     #[test]

@@ -8,9 +8,9 @@ effect!(EndStop, "end_stop", Structure);
 const ABOUT: About = About {
     title: "end stop",
     what: "Beyond some displacement the mover touches a stop that pushes back.",
-    equation: "F = kc (q - g) for q > g (or q < -g), energy kc (q - g)^2 / 2; or F = kc (q - g) (1 + a q'), never pulling, a contact that \
-               loses energy; or F = kc d ((q - g) / d)^p, a round or \
-               soft body; F: force of the contact, kc: its stiffness, q: displacement, g: where it begins, d: g / 10, \
+    equation: "F = kc x against the depth x = q - g of a stop above (g > 0), x = g - q of one below (g < 0), where x > 0; energy \
+               kc x^2 / 2; or F = kc x (1 + a x'), never pulling, a contact that loses energy; or F = kc d (x / d)^p, a round \
+               or soft body; F: force of the contact, kc: its stiffness, q: displacement, g: where it begins, d: |g| / 10, \
                p: exponent, a: damping",
     source: "common form, size assumed; p = 3/2: Hertz 1882; a: Hunt and Crossley 1975",
     typical: "a tenth to several times the plant's stiffness, at the last tenth of the travel",
