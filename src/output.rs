@@ -101,8 +101,27 @@ pub fn parts((name, content): &(String, Vec<u8>)) -> (&str, &[u8]) {
     (name, content)
 }
 
-/// Whether `path` is there and is neither a file nor a directory.
-fn is_special(path: &Path) -> bool {
+/// The files that a call plays, each once. A run directory keeps a copy of each under the file's own name, so that two of one name are refused.
+pub fn played<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> Result<Vec<(String, Vec<u8>)>, Failure> {
+    let mut files: Vec<(&Path, (String, Vec<u8>))> = Vec::new();
+    for path in paths {
+        match files.iter().find(|(_, (name, _))| *name == file_name(path)) {
+            Some((other, _)) if same_file(other, path) => {}
+            Some((other, (name, _))) => {
+                return Err(Failure::call(format!(
+                    "{} and {}: two played files are called {name}, and the run directory keeps both; rename one",
+                    other.display(),
+                    path.display()
+                )));
+            }
+            None => files.push((path, named(path)?)),
+        }
+    }
+    Ok(files.into_iter().map(|(_, file)| file).collect())
+}
+
+/// Whether `path` is there and is neither a file nor a directory: a device or a pipe, which nothing goes beside.
+pub fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 

@@ -3,7 +3,9 @@
 //! Exit codes: 2 for the call (also for an output that can't be written), 3 for a file. Lines are compared to the letter, because they
 //! are what a user has; `@/` stands for the test's folder.
 
-use crate::support::{Folder, PI1, PLANT, column, good_csv, hysteron, json, root, run, stderr, stdout, succeeded};
+use crate::support::{
+    Folder, PI1, PLANT, column, good_csv, hysteron, image, json, root, run, stderr, stdout, succeeded,
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::ffi::OsStr;
@@ -475,9 +477,16 @@ fn places_that_cannot_be_written() {
     bench.refused(&replay("/dev/full"), 2, &format!("{full} nothing was left there, name another place with --out"));
     bench.refused(&simulate("/dev/full"), 2, &format!("{full} nothing was left there, name another place with --out"));
     bench.refused(&identify("/dev/full"), 2, &format!("{full} name another place"));
-    // A device takes what is written and has no page beside it.
+    // A device takes what is written and has no page and no report beside it.
     succeeded(&run(&bench.folder, &simulate("/dev/null")));
     assert!(!std::path::Path::new("/dev/null.html").exists());
+    if let Some(image) = image() {
+        let board = format!("board run {image} --plant {PLANT} --command step:8V --seconds 0.001 --out /dev/null");
+        let output = run(&bench.folder, &board);
+        succeeded(&output);
+        assert!(!stdout(&output).contains("report: "), "{}", stdout(&output));
+        assert!(!std::path::Path::new("/dev/null.board.json").exists());
+    }
 
     // What is read is never overwritten, by whatever name.
     bench.refused(

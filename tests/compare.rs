@@ -57,6 +57,19 @@ fn an_operator_is_fitted_by_name() {
     assert!((0.5..30.0).contains(&settled_ms), "{settled_ms} ms");
 }
 
+/// Displacements are the same with any mass, and forces are not.
+#[test]
+fn a_mass_that_nobody_states_is_said_to_be_assumed() {
+    let folder = Folder::new("assumed-mass");
+    made(&folder, "models/thesis-newid2.toml", "square:60V@25Hz", "log.csv");
+    let said = |model: &str| {
+        let call = format!("identify --model {model} @/log.csv --initial relaxed --starts 1 --no-page --out @/f.toml");
+        succeeded(&run(&folder, &call)).contains("the mass is assumed to be 1.0148 g")
+    };
+    assert!(said("linear --hysterons 0"));
+    assert!(!said("linear --hysterons 0 --mass-kg 0.002") && !said("transfer-function --order 2,0"));
+}
+
 #[test]
 fn transfer_functions_and_bouc_wen_are_fitted_by_name() {
     let folder = Folder::new("kinds");

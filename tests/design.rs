@@ -1,6 +1,6 @@
 //! `hysteron design`, its check and `hysteron reproduce`, as a user meets them.
 
-use crate::support::{Folder, PI1, PLANT, json, number, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PI1, PLANT, json, number, root, run, stderr, stdout, succeeded};
 
 const WISH: &str = "--rate 40000 --settle-ms 5 --overshoot 2 --gain-margin-db 6 --no-page --json";
 
@@ -28,6 +28,16 @@ fn a_design_runs_as_it_says_and_its_inverse_follows_better() {
         errors.push(error);
     }
     assert!(errors[1] < 0.1 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn limits_of_another_stage_are_told() {
+    let folder = Folder::new("design-no-rig");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    folder.write("plant.toml", plant.split_once("[rig]").expect("its last section").0);
+    let said = |plant: &str| succeeded(&run(&folder, &format!("design --plant {plant} {WISH} --out @/own.toml")));
+    assert!(said("@/plant.toml").contains("--plant has no [rig]: the limits are those of the thesis' bender"));
+    assert!(!said(PLANT).contains("[rig]"));
 }
 
 #[test]

@@ -165,25 +165,71 @@ fn a_probe_says_what_the_link_does() {
     assert!(said["link"]["round_trip_us"]["p99_9"].as_f64() >= said["link"]["round_trip_us"]["p50"].as_f64());
 }
 
-/// A board in process behind TCP that takes its time.
+/// A board in process behind TCP that takes its time, and is there for one call after the other.
 fn slow_board(delay: std::time::Duration) -> String {
     use hil_bridge::link::Link;
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
     std::thread::spawn(move || {
-        let Ok((mut host, _)) = listener.accept() else { return };
         let mut board = hil_bridge::in_process::InProcess::nucleo();
         let (mut bytes, mut answer) = ([0; 512], Vec::new());
-        while let Ok(n @ 1..) = host.read(&mut bytes) {
-            std::thread::sleep(delay);
-            answer.clear();
-            let told = board.send(&bytes[..n]).and_then(|()| board.receive(delay, &mut answer));
-            if told.is_err() || host.write_all(&answer).is_err() {
-                return;
+        while let Ok((mut host, _)) = listener.accept() {
+            while let Ok(n @ 1..) = host.read(&mut bytes) {
+                std::thread::sleep(delay);
+                answer.clear();
+                let told = board.send(&bytes[..n]).and_then(|()| board.receive(delay, &mut answer));
+                if told.is_err() || host.write_all(&answer).is_err() {
+                    break;
+                }
             }
         }
     });
     format!("tcp:{address}")
+}
+
+/// What a board is set to, as `board parameters` says it.
+fn set_to(folder: &Folder, board: &str) -> serde_json::Value {
+    let output = run(folder, &format!("board parameters --board {board} --json"));
+    json(&stdout(&output))["parameters"].take()
+}
+
+/// Whatever ends a call, its controller's limits are none of the next one's: an open loop would have them for the board's own.
+#[test]
+fn a_board_has_its_own_limits_again_after_a_refusal_a_fault_and_a_run() {
+    let folder = Folder::new("hil-limits");
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    let narrow = pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0");
+    folder.write("narrow.toml", &narrow);
+    folder.write("wild.toml", narrow.replace("8.5811e5", "8.5811e7"));
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("ours");
+    let away =
+        "[initial_state]\ndisplacement_um = 125.0\nvelocity_um_per_s = 0.0\nhysteron_V = [0.0, 0.0]\ndrive_V = 0.0\n";
+    folder.write("away.toml", format!("{plant}\n{away}"));
+    let board = slow_board(std::time::Duration::ZERO);
+    let own = set_to(&folder, &board);
+    assert_eq!((&own["drive_max_v"], &own["rate_hz"]), (&90.0.into(), &20e3.into()));
+    let cases = [
+        ("unstable", "wild.toml", PLANT, "", 2, "unstable"),
+        // 40 kHz would have to be answered in 12.5 us, over TCP.
+        ("fast", "narrow.toml", PLANT, "--rate 40000 --paced", 2, "is too fast in real time"),
+        ("fault", "narrow.toml", "@/away.toml", "", 4, "(displacement_trip)"),
+        ("run", "narrow.toml", PLANT, "--clear-fault", 0, ""),
+    ];
+    for (out, controller, plant, more, code, words) in cases {
+        let line = call(&board, out).replace(PI1, &format!("@/{controller}")).replace(PLANT, plant);
+        let output = run(&folder, &format!("{line} {more}"));
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{out}: {said}");
+        assert!(said.contains(words) && said.lines().count() <= 1, "{out}: {said}");
+        assert_eq!(set_to(&folder, &board), own, "{out}");
+    }
+    // In a fault a board takes no other rate; the limits it does.
+    let line = call(&board, "slow").replace(PI1, "controllers/pi2.toml").replace(PLANT, "@/away.toml");
+    let output = run(&folder, &format!("{line} --rate 10000"));
+    assert_eq!((output.status.code(), stderr(&output).lines().count()), (Some(4), 1), "{}", stderr(&output));
+    let mut expected = own;
+    expected["rate_hz"] = 10e3.into();
+    assert_eq!(set_to(&folder, &board), expected);
 }
 
 #[test]
@@ -229,6 +275,7 @@ fn paced_it_keeps_to_the_clock_and_refuses_a_link_that_is_too_slow_with_the_numb
     );
     assert!(said.contains("pi1.toml unstable") && said.contains("pi2.toml ") && said.lines().count() == 1, "{said}");
     assert!(!folder.path("slow").exists());
+    assert_eq!(set_to(&folder, &board)["kp_v_per_m"], 858_110.0, "pi1's, as it was");
     // An unstable loop is refused although the link would do.
     let output = run(&folder, &paced("in-process", "unstable").replace("pi2.toml", "pi1.toml"));
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
@@ -241,6 +288,10 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
     folder.write("plain.txt", "no port");
     std::fs::create_dir(folder.path("full")).expect("a folder");
     folder.write("full/keep.txt", "somebody's");
+    for name in ["a", "b"] {
+        std::fs::create_dir(folder.path(name)).expect("a folder");
+        folder.write(&format!("{name}/wave.csv"), "1.0\n".repeat(20));
+    }
     let vacant = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
     let good = call("in-process", "run");
     let at = |board: &str| call(board, "run");
@@ -267,6 +318,11 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (good.replace("pi1.toml", "pi1-unlimited.toml"), 2, "must be finite on a board"),
         (good.replace(PLANT, "@/none.toml"), 3, "none.toml"),
         (good.replace("step:80um", "step:80V"), 2, "give its amplitudes in um"),
+        (
+            good.replace("step:80um", "file:@/a/wave.csv,for=0.001s+file:@/b/wave.csv"),
+            2,
+            "b/wave.csv: two played files are called wave.csv, and the run directory keeps both; rename one",
+        ),
         (good.replace("step:80um", "step:80um,shaped"), 2, "`,shaped` is not played by a board"),
         (good.replace("--seconds 0.05", ""), 2, "give --seconds"),
         (good.replace("0.05", "1e-9"), 2, "change --seconds or --rate"),

@@ -225,6 +225,44 @@ fn a_full_disk_ends_it_in_one_line() {
 }
 
 #[test]
+fn a_board_has_its_own_limits_again_after_a_refusal() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("record-refused");
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let (_server, place) = served(&image, &["--pace", "lockstep"]);
+    let at = format!("--board tcp:{place} --patience-ms 60000");
+    let set_to = || json(&run(&folder, &format!("board parameters {at} --json")))["parameters"].clone();
+    let own = set_to();
+    let line = format!("record {at} --controller @/narrow.toml --spec step:20um@0.02s --rate 40000 --out @/run");
+    let output = run(&folder, &line);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the link carries every 2th sample only"), "{}", stderr(&output));
+    assert_eq!(set_to(), own);
+    assert_eq!(own["drive_max_v"], 90.0);
+}
+
+/// Of a log that was not begun nothing can be said to be its end.
+#[test]
+fn a_fault_while_demagnetising_is_told_as_such() {
+    let folder = Folder::new("record-demagnetising");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("ours");
+    let plant = plant.replace("displacement_max_um = { value = 120.0", "displacement_max_um = { value = 500.0");
+    let away =
+        "[initial_state]\ndisplacement_um = 125.0\nvelocity_um_per_s = 0.0\nhysteron_V = [0.0, 0.0]\ndrive_V = 0.0\n";
+    folder.write("away.toml", format!("{plant}\n{away}"));
+    let output = run(&folder, &call("--set diagnosis", "run").replace(PLANT, "@/away.toml"));
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(4), "{said}");
+    let log = folder.path("run/01-demagnetising.csv");
+    let words = format!("while demagnetising before {}, which was not begun", log.display());
+    assert!(said.contains("displacement_trip") && said.contains(&words) && said.lines().count() == 1, "{said}");
+    assert!(!log.exists());
+    let link = parsed(&folder.read("run/link.json"));
+    assert_eq!((&link["is_complete"], &link["logs"]["01-demagnetising.csv"]["rows"]), (&false.into(), &0.into()));
+}
+
+#[test]
 fn a_plant_that_does_not_say_what_its_stage_stands_is_told_so() {
     let folder = Folder::new("record-no-rig");
     let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
@@ -242,6 +280,10 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
     folder.write("full/keep.txt", "somebody's");
     folder.write("plain.txt", "no port");
     folder.write("pi1.toml", "");
+    for name in ["a", "b"] {
+        std::fs::create_dir(folder.path(name)).expect("a folder");
+        folder.write(&format!("{name}/wave.csv"), "1.0\n".repeat(20));
+    }
     let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
     let away =
         "[initial_state]\ndisplacement_um = 130.0\nvelocity_um_per_s = 0.0\nhysteron_V = [0.0, 0.0]\ndrive_V = 0.0\n";
@@ -300,6 +342,11 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
             "decaying-sine:60V@8Hz/1s: it would take the stage to 87 um",
         ),
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
+        (
+            call("--spec file:@/a/wave.csv,unit=V --spec file:@/b/wave.csv,unit=V", "run"),
+            2,
+            "b/wave.csv: two played files are called wave.csv, and the run directory keeps both; rename one",
+        ),
         (good.clone() + " --rate 19999", 2, "does not divide the timer's clock"),
         (good.clone() + " --link-faults soup=1", 2, "--link-faults: soup"),
         (good.clone() + " --size 0.5", 2, "cannot be used with"),

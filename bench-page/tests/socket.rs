@@ -4,15 +4,16 @@
 
 mod support;
 
-use bench_page::engine::Open;
+use bench_page::engine::{Engine, Open, StartError, Wish};
 use hil_bridge::in_process::InProcess;
 use hil_bridge::link::{Link, LinkError};
+use hil_bridge::session::Session;
 use plant_sim::controller::Controller;
 use serde_json::{Value, json};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use support::{Client, in_process, start, start_with};
+use support::{Client, in_process, setting, start, start_with};
 use tungstenite::{Error, Message};
 
 #[test]
@@ -321,6 +322,73 @@ fn a_board_that_is_gone_is_said_and_asked_back() {
     switch.store(0, Ordering::Relaxed);
     page.order("reconnect").expect("it is back");
     page.mode("idle");
+}
+
+/// A link to a board that outlives it, while it is not cut.
+#[derive(Clone)]
+struct Standing {
+    board: Arc<Mutex<InProcess>>,
+    is_cut: Arc<AtomicBool>,
+}
+
+impl Standing {
+    fn board(&self) -> std::sync::MutexGuard<'_, InProcess> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Link for Standing {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        if self.is_cut.load(Ordering::Relaxed) { Err(LinkError::Closed) } else { self.board().send(bytes) }
+    }
+
+    fn receive(&mut self, patience: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.board().receive(patience, into)
+    }
+
+    fn now(&mut self) -> Duration {
+        self.board().now()
+    }
+
+    fn patience(&self) -> Duration {
+        self.board().patience()
+    }
+}
+
+/// Who records in open loop on that board next would take the page's limits for its own.
+#[test]
+fn a_board_has_its_own_limits_again_after_a_refusal_a_cut_and_the_end() {
+    let link = Standing { board: Arc::new(Mutex::new(InProcess::nucleo())), is_cut: Arc::default() };
+    let set_to = || Session::new(link.clone()).parameters().expect("a board in process");
+    let own = set_to();
+    let narrow = |kp_times: f32| {
+        let link = link.clone();
+        let mut setting = setting("models/thesis-phs.toml", Box::new(move || Ok(Box::new(link.clone()))));
+        setting.controller.1.drive_max_v = 50.0;
+        setting.controller.1.kp_v_per_m *= kp_times;
+        setting
+    };
+    let unstable = narrow(100.0);
+    let refused_runs = unstable.runs.clone();
+    assert!(matches!(Engine::start(unstable), Err(StartError::Unstable(_))));
+    assert_eq!(set_to(), own, "a refused loop");
+
+    let engine = Engine::start(narrow(1.0)).expect("a stable loop");
+    let runs = engine.runs.clone();
+    assert_eq!(set_to().drive_max_v, 50.0);
+    let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime");
+    let ask = |wish| runtime.block_on(engine.ask(wish));
+    // What a board comes back with is the page's.
+    link.is_cut.store(true, Ordering::Relaxed);
+    assert!(ask(Wish::Run).is_err_and(|line| line.contains("look after cable")));
+    link.is_cut.store(false, Ordering::Relaxed);
+    ask(Wish::Reconnect).expect("it is back");
+    assert_eq!(set_to().drive_max_v, 50.0);
+    ask(Wish::Leave).expect("it is there");
+    assert_eq!(set_to(), own, "the end");
+    for folder in [refused_runs, runs] {
+        let _ = std::fs::remove_dir_all(folder);
+    }
 }
 
 #[test]

@@ -7,7 +7,8 @@
 //!
 //! Both directions exist, because a simulated board converts the other way round. Rounding is to the nearest code, halves away from
 //! zero (measured from mid-code for the DAC); everything saturates; NaN becomes mid-code.
-//! Nothing outside this file may multiply by a volt per code.
+//! Nothing outside this file may turn such a code into volts or metres, or back. The amplifier's monitor, a guard of the board's own, is no part of it:
+//! `wire::Checked` has its two conversions.
 
 use crate::settings::{SettingsError, finite, finite_above_zero, finite_from_zero};
 

@@ -192,7 +192,8 @@ impl Law {
     ///
     /// Running this law on the state without it is safe too (every limit holds), only not bumpless. Where the new clamp is
     /// below the old reference, the reference steps to the clamp; where the new rate or acceleration is lower than the present
-    /// motion, the reference is brought down within the new acceleration.
+    /// motion, the reference is brought down within the new acceleration. A reference that was not shaped until now is shaped from rest, wherever
+    /// it was going: its last move may have been a jump of any size, which is no speed to go on with.
     pub fn take_over(&self, old: &Law, state: &mut LawState) {
         let measured_m = state.guard.measured_m();
         // NaN: no sample was seen yet, so there is nothing to continue.
@@ -200,7 +201,27 @@ impl Law {
             let reference_m = state.shaper.reference();
             self.pi.take_over(&old.pi, &mut state.pi, reference_m, measured_m);
         }
-        state.shaper.rescale(old.rate_hz / self.rate_hz);
+        if old.shaper.shapes() {
+            state.shaper.rescale(old.rate_hz / self.rate_hz);
+        } else {
+            state.shaper.halt();
+        }
+    }
+
+    /// Prepares `state`, left behind by open-loop samples, for the closed loop: the reference begins at rest where the plant was last seen (or at
+    /// the clamp), the drive continues where it is. So closing the loop moves nothing; what the reference then does is the wish's and the shaping's.
+    ///
+    /// Without it every limit holds as well, but the reference begins where the last closed-loop sample left it, far from the plant.
+    pub fn close(&self, state: &mut LawState) {
+        let measured_m = state.guard.measured_m();
+        // NaN: no sample was seen yet, so there is nothing to begin from.
+        if measured_m.is_nan() {
+            return;
+        }
+        let reference_m = if self.shaper.holds(measured_m) { measured_m } else { self.shaper.clamped(measured_m) };
+        if self.pi.close(&mut state.pi, reference_m, measured_m) {
+            state.shaper = ShaperState::at(reference_m);
+        }
     }
 
     /// The rate the law was built for.
@@ -304,6 +325,77 @@ mod tests {
         // 0.1 m/s are 2.5 um at 40 kHz. The reference is near 35 um, where f32 steps by 3.6e-12.
         let moved_m = state.reference_m() - before_m;
         assert!((moved_m - 2.5e-6).abs() < 8e-12, "{moved_m}");
+    }
+
+    #[test]
+    fn what_went_unshaped_for_a_while_is_shaped_from_rest() {
+        let shaped = build(&Settings { reference_rate_m_per_s: 0.2, ..settings(20e3) });
+        let unshaped = build(&Settings {
+            reference_rate_m_per_s: f32::INFINITY,
+            reference_acceleration_m_per_s2: f32::INFINITY,
+            ..settings(20e3)
+        });
+        // Met exactly, at 3.77 um a sample where the third period ends, and still pursued, at 6 um a sample.
+        let sine = |k: u16| 80e-6 * (core::f32::consts::TAU * 150.0 / 20e3 * f32::from(k)).sin();
+        let jump = |_| 80e-6;
+        for (wish, samples) in [(&sine as &dyn Fn(u16) -> f32, 400), (&jump, 12)] {
+            let mut state = LawState::default();
+            let mut last_m = 0.0;
+            for k in 1..=samples {
+                last_m = state.reference_m();
+                shaped.step(&mut state, wish(k), 0.0);
+            }
+            assert!(state.reference_m() - last_m > 3.7e-6, "{last_m}");
+            unshaped.take_over(&shaped, &mut state);
+            for _ in 0..5 {
+                unshaped.step(&mut state, 20e-6, 0.0);
+            }
+            shaped.take_over(&unshaped, &mut state);
+            for _ in 0..300 {
+                assert_eq!(shaped.step(&mut state, 20e-6, 0.0).reference_m, 20e-6);
+            }
+        }
+    }
+
+    /// A law that has held 40 V in open loop until a plant, with `gain_m_per_v` and a lag, stands still; and where that is.
+    fn opened(law: &Law, gain_m_per_v: f32) -> (LawState, f32) {
+        let (mut state, mut displacement_m) = (LawState::default(), 0.0);
+        for _ in 0..200 {
+            let drive_v = law.step_open(&mut state, 40.0, displacement_m).drive_v;
+            displacement_m += (gain_m_per_v * drive_v - displacement_m) * 0.25;
+        }
+        (state, displacement_m)
+    }
+
+    #[test]
+    fn a_loop_that_is_closed_under_way_begins_where_the_plant_stands() {
+        let pi1 = Settings { kp_v_per_m: 8.5811e5, ki_v_per_m_s: 9.6755e8, ..settings(20e3) };
+        let law = build(&pi1);
+        // Told to stay, it stays: f32 rounds terms of 40 V, to 4e-6 V each.
+        let (mut state, stands_m) = opened(&law, 1.88e-6);
+        law.close(&mut state);
+        for _ in 0..100 {
+            let drive_v = law.step(&mut state, stands_m, stands_m).drive_v;
+            assert!((drive_v - 40.0).abs() < 1e-4, "{drive_v}");
+        }
+        // Told to go 5.2 um back it goes there, and nowhere else.
+        let (mut state, mut displacement_m) = opened(&law, 1.88e-6);
+        law.close(&mut state);
+        for sample in 0..400 {
+            let output = law.step(&mut state, 70e-6, displacement_m);
+            // a T^2 = 0.5 um, of which ff, Kp and Ki T make 0.72 V.
+            assert!(sample > 0 || (39.2..39.4).contains(&output.drive_v), "{output:?}");
+            displacement_m += (1.88e-6 * output.drive_v - displacement_m) * 0.25;
+            // 1 um for the loop's own overshoot.
+            assert!((69e-6..stands_m + 1e-9).contains(&displacement_m), "{sample} {displacement_m}");
+        }
+        assert!((displacement_m - 70e-6).abs() < 1e-9, "{displacement_m}");
+        // At 112 um it begins at the clamp, with 12 um of error: Ki T e is 0.58 V in the first sample.
+        let (mut state, stands_m) = opened(&law, 2.8e-6);
+        law.close(&mut state);
+        let output = law.step(&mut state, 100e-6, stands_m);
+        assert_eq!(output.reference_m, 100e-6);
+        assert!((output.drive_v - 39.42).abs() < 0.01, "{output:?}");
     }
 
     #[test]

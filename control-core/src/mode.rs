@@ -149,6 +149,14 @@ pub enum Command<'a> {
     GeneratedDrive(Generator<'a>),
 }
 
+impl Command<'_> {
+    /// Whether the law follows a reference; else the drive is what is commanded.
+    #[inline(always)]
+    pub const fn is_closed_loop(&self) -> bool {
+        matches!(self, Command::Reference { .. } | Command::GeneratedReference(_))
+    }
+}
+
 /// What comes in with one sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
@@ -309,6 +317,18 @@ impl Controller {
         self.law = law;
     }
 
+    /// The next ticks' command is `next`, not `last` any more. A board calls this between two samples, whenever it takes another command: a loop
+    /// that ran open and is closed now begins where the plant is and with the drive in force ([`Law::close`]), not where it was when it last was
+    /// closed. An open loop needs no preparation: its drive goes to what is commanded at the slew rate, as at its start.
+    pub fn change_command(&mut self, last: &Command<'_>, next: &Command<'_>) {
+        if let Mode::Running { law: state, .. } = &mut self.mode
+            && next.is_closed_loop()
+            && !last.is_closed_loop()
+        {
+            self.law.close(state);
+        }
+    }
+
     /// One sample. Can't fail; same deadline as [`Law::step`].
     // Always, because a board's interrupt is its one caller that counts instructions: a call would carry input and output over memory.
     #[inline(always)]
@@ -323,7 +343,7 @@ impl Controller {
                 at_rest(latched)
             }
             Mode::Running { law, generator, ahead } => {
-                let is_closed = matches!(input.command, Command::Reference { .. } | Command::GeneratedReference(_));
+                let is_closed = input.command.is_closed_loop();
                 let wish = match input.command {
                     Command::Reference { reference_m: wish } | Command::Drive { drive_v: wish } => wish,
                     Command::GeneratedReference(source) | Command::GeneratedDrive(source) => match ahead.take() {
@@ -595,6 +615,33 @@ mod tests {
         let output = controller.tick(&closed);
         assert_eq!(output.reference_m, 100e-6);
         assert_eq!(output.drive_v, 15.0);
+    }
+
+    #[test]
+    fn only_closing_an_open_loop_changes_what_the_law_remembers() {
+        let generator = Generator::new(&[]);
+        let drives = [Command::Drive { drive_v: 40.0 }, Command::GeneratedDrive(generator)];
+        let references = [Command::Reference { reference_m: 70e-6 }, Command::GeneratedReference(generator)];
+        let changes = |controller: &Controller, last, next| {
+            let mut changed = *controller;
+            changed.change_command(&last, &next);
+            std::format!("{changed:?}") != std::format!("{controller:?}")
+        };
+        let mut unseen = Controller::new(law());
+        unseen.arm().expect("idle");
+        unseen.run().expect("armed");
+        for drive in drives {
+            for reference in references {
+                for controller in MODES.map(in_mode) {
+                    let is_running = controller.mode_name() == ModeName::Running;
+                    assert_eq!(changes(&controller, drive, reference), is_running);
+                }
+                assert!(!changes(&unseen, drive, reference));
+                for (last, next) in [(reference, drive), (drive, drives[0]), (reference, references[0])] {
+                    assert!(!changes(&in_mode(ModeName::Running), last, next));
+                }
+            }
+        }
     }
 
     fn open(drive_v: f32) -> Input<'static> {

@@ -176,6 +176,18 @@ impl Pi {
             state.integral_v = integral_v;
         }
     }
+
+    /// Sets the integral so that the law goes on from the present drive: I = u - ff r - Kp e. False, and nothing done, where numbers near 1e33 m
+    /// overflow.
+    pub(crate) fn close(&self, state: &mut PiState, reference_m: f32, measured_m: f32) -> bool {
+        let error_m = reference_m - measured_m;
+        let integral_v = state.drive_v - self.forward_v(reference_m) - self.kp_v_per_m * error_m;
+        if !integral_v.is_finite() {
+            return false;
+        }
+        *state = PiState { integral_v, remainder_v: 0.0, ..*state };
+        true
+    }
 }
 
 #[cfg(test)]

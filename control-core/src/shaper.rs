@@ -97,6 +97,11 @@ impl ShaperState {
         self.reference
     }
 
+    /// At rest where it is.
+    pub(crate) fn halt(&mut self) {
+        *self = ShaperState::at(self.reference);
+    }
+
     /// Expresses the velocity in another sampling period: `ratio` is the old rate over the new rate.
     pub(crate) fn rescale(&mut self, ratio: f32) {
         self.followed_velocity *= ratio;
@@ -159,6 +164,11 @@ impl Shaper {
         if self.holds(wish) { self.follow(state, wish, Limits::NONE) } else { self.follow_clamped(state, wish) }
     }
 
+    /// Whether more than the clamp acts. What an unshaped state says of velocity is out of date: it has to be halted before it is shaped.
+    pub(crate) fn shapes(&self) -> bool {
+        self.shapes
+    }
+
     /// Whether the wish is a number inside the clamp.
     #[inline(always)]
     pub(crate) fn holds(&self, wish: f32) -> bool {
@@ -178,7 +188,7 @@ impl Shaper {
         self.follow(state, target, Limits::REFERENCE_CLAMP)
     }
 
-    /// One sample towards a target inside the clamp.
+    /// One sample towards a target inside the clamp. Unshaped it keeps no velocity, see [`Shaper::shapes`].
     #[inline(always)]
     pub(crate) fn follow(&self, state: &mut ShaperState, target: f32, limits: Limits) -> (f32, Limits) {
         if !self.shapes {

@@ -387,6 +387,44 @@ proptest! {
     }
 
     #[test]
+    fn a_reference_that_goes_unshaped_now_and_then_keeps_its_bounds_from_where_it_is_shaped_again(
+        bounds in bounds_from(-9.0, -11.0),
+        wish in any_wish(),
+        lengths in prop::collection::vec(1_usize..60, 1..60),
+    ) {
+        let (rate, acceleration) = bounds;
+        let unshaped = Settings { reference_max_m: CLAMP, ..Settings::unlimited(1.0, 0.0, 0.0, 0.0) };
+        let shaped =
+            Settings { reference_rate_m_per_s: rate, reference_acceleration_m_per_s2: acceleration, ..unshaped };
+        let laws = [build(&shaped), build(&unshaped)];
+        let mut lengths = lengths.into_iter();
+        let (mut current, mut left) = (0, lengths.next().unwrap_or(0));
+        let mut state = LawState::default();
+        let (mut last, mut before) = (0.0_f64, 0.0_f64);
+        for wish in wish {
+            if left == 0 {
+                laws[1 - current].take_over(&laws[current], &mut state);
+                current = 1 - current;
+                left = lengths.next().unwrap_or(usize::MAX);
+                // Whatever it did unshaped, it begins at rest.
+                before = last;
+            }
+            left -= 1;
+            let wish = if wish.is_finite() { wish } else { 50e-6 };
+            let r = f64::from(laws[current].step(&mut state, wish, 0.0).reference_m);
+            if current == 0 {
+                // As in the property above.
+                prop_assert!((r - last).abs() <= f64::from(rate) * (1.0 + 2.0 * U) + ULP);
+                let second = (r - 2.0 * last + before).abs();
+                let tolerance = 2.0 * ULP + 4.0 * U * (r - last).abs().max((last - before).abs());
+                prop_assert!(second <= f64::from(acceleration) * (1.0 + 2.0 * U) + tolerance, "{} {}", second, acceleration);
+            }
+            before = last;
+            last = r;
+        }
+    }
+
+    #[test]
     fn a_reference_inside_the_bounds_passes_bit_for_bit(bounds in bounds_from(-9.0, -9.0), wish in any_wish()) {
         let (rate, acceleration) = bounds;
         // Below 1e-9 per sample^2 the tighter output's own rounding, 2 ulp, is more than the 7 %; that sets the least bounds here.
@@ -446,6 +484,7 @@ proptest! {
         let generator = Generator::new(&segments);
         let slew_v = settings.slew_v_per_s / settings.rate_hz;
         let mut last_v = 0.0_f32;
+        let mut last = Command::Reference { reference_m: 0.0 };
         for (wish, measured_m, dice) in samples {
             let before = controller.mode_name();
             let allowed = match dice {
@@ -464,6 +503,8 @@ proptest! {
                 2 => Command::GeneratedReference(generator),
                 _ => Command::GeneratedDrive(generator),
             };
+            controller.change_command(&last, &command);
+            last = command;
             let output = controller.tick(&Input { command, measured_m });
             prop_assert!(output.drive_v >= settings.drive_min_v && output.drive_v <= settings.drive_max_v);
             // The ramp's polynomial is good to 2e-6 of its start, at most 100 V.

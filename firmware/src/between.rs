@@ -7,7 +7,7 @@
 use crate::control::{ASIDE, Control, HELD, LOOP, Last, OPEN};
 use crate::registers;
 use crate::shared::{self, Record, Reply, Request, State};
-use control_core::{Command, Generator, Mode, ModeName};
+use control_core::{Command, Generator, Mode, ModeName, Refused};
 use core::sync::atomic::Ordering::Relaxed;
 use core::sync::atomic::{Ordering, compiler_fence};
 use wire::{Flags, InputSource, Sample};
@@ -150,10 +150,8 @@ impl Control {
     fn obey(&mut self, request: &Request) -> Reply {
         let is_idle = matches!(self.controller.mode(), Mode::Idle);
         let result = match *request {
-            Request::Arm => {
-                self.monitor_misses = 0;
-                self.controller.arm()
-            }
+            // One that is refused changes nothing.
+            Request::Arm => self.controller.arm().inspect(|()| self.monitor_misses = 0),
             Request::Run => self.controller.run(),
             Request::Stop => self.controller.stop(),
             Request::ClearFault => self.clear_fault(),
@@ -165,22 +163,13 @@ impl Control {
                 self.set = set;
                 Ok(())
             }
-            Request::Reference(reference_m) => {
-                self.command = Command::Reference { reference_m };
-                Ok(())
+            Request::Reference(reference_m) => self.take(Command::Reference { reference_m }),
+            Request::Drive(drive_v) => self.take(Command::Drive { drive_v }),
+            Request::Wave { is_closed_loop: true, segments } => {
+                self.take(Command::GeneratedReference(Generator::new(segments)))
             }
-            Request::Drive(drive_v) => {
-                self.command = Command::Drive { drive_v };
-                Ok(())
-            }
-            Request::Wave { is_closed_loop, segments } => {
-                let generator = Generator::new(segments);
-                self.command = if is_closed_loop {
-                    Command::GeneratedReference(generator)
-                } else {
-                    Command::GeneratedDrive(generator)
-                };
-                Ok(())
+            Request::Wave { is_closed_loop: false, segments } => {
+                self.take(Command::GeneratedDrive(Generator::new(segments)))
             }
             Request::Input(_) if !is_idle => return Reply::NotIdle,
             Request::Input(input) => {
@@ -205,6 +194,15 @@ impl Control {
             }
         };
         result.map_or_else(Reply::Refused, |()| Reply::Done)
+    }
+
+    /// Another command, which can't be refused.
+    #[inline(never)]
+    #[unsafe(link_section = ".ccmram.between.take")]
+    fn take(&mut self, command: Command<'static>) -> Result<(), Refused> {
+        self.controller.change_command(&self.command, &command);
+        self.command = command;
+        Ok(())
     }
 }
 

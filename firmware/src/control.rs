@@ -251,8 +251,7 @@ impl Control {
     #[inline(always)]
     fn is_monitor_fine(&self, monitor: u16) -> bool {
         let set = self.set;
-        let monitor_v = (f32::from(monitor) - set.monitor_zero_code) * set.monitor_v_per_code;
-        (monitor_v - self.last.output.drive_v).abs() <= set.monitor_tolerance_v
+        (set.monitor_v(monitor) - self.last.output.drive_v).abs() <= set.monitor_tolerance_v
     }
 
     #[inline(always)]

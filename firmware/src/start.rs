@@ -142,9 +142,10 @@ fn first_parameters<B: Board>(stored: &Found) -> (Parameters, wire::Checked, boo
 fn first_fault(reset: ResetCause, is_clock_good: bool, is_stored: bool) -> Option<FaultCode> {
     match reset {
         _ if !is_clock_good => Some(FaultCode::Clock),
+        // Before the reset, which `Status::reset` tells as well: that the numbers in force may be another sensor's, only the fault tells.
+        _ if !is_stored => Some(FaultCode::ParameterStore),
         ResetCause::Watchdog => Some(FaultCode::WatchdogReset),
         ResetCause::BrownOut => Some(FaultCode::BrownOutReset),
-        _ if !is_stored => Some(FaultCode::ParameterStore),
         _ => None,
     }
 }

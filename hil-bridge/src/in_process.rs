@@ -25,6 +25,18 @@ enum Task {
     Wave { is_closed_loop: bool },
 }
 
+impl Task {
+    /// As the law takes it; a waveform plays `segments`.
+    fn command<'a>(&self, segments: &'a [Segment<'a>]) -> Command<'a> {
+        match *self {
+            Task::Reference(reference_m) => Command::Reference { reference_m },
+            Task::Drive(drive_v) => Command::Drive { drive_v },
+            Task::Wave { is_closed_loop: true } => Command::GeneratedReference(Generator::new(segments)),
+            Task::Wave { is_closed_loop: false } => Command::GeneratedDrive(Generator::new(segments)),
+        }
+    }
+}
+
 /// The board, and the link to it.
 pub struct InProcess {
     converters: Converters,
@@ -123,27 +135,25 @@ impl InProcess {
         let is_idle = matches!(self.controller.mode(), Mode::Idle);
         let words = |refused: control_core::Refused| refused.to_string();
         match order {
-            ToBoard::Arm => {
-                self.monitor_misses = 0;
-                self.controller.arm().map_err(words)
-            }
+            // One that is refused changes nothing.
+            ToBoard::Arm => self.controller.arm().inspect(|()| self.monitor_misses = 0).map_err(words),
             ToBoard::Run => self.controller.run().map_err(words),
             ToBoard::Stop => self.controller.stop().map_err(words),
             ToBoard::ClearFault => self.controller.clear_fault().map_err(words),
             ToBoard::SetParameters(parameters) => self.set(*parameters, is_idle),
             ToBoard::Reference { reference_m } => {
-                self.task = Task::Reference(*reference_m);
+                self.take(Task::Reference(*reference_m));
                 Ok(())
             }
             ToBoard::Drive { drive_v } => {
-                self.task = Task::Drive(*drive_v);
+                self.take(Task::Drive(*drive_v));
                 Ok(())
             }
             ToBoard::SaveParameters => Err(NOT_HERE.into()),
             order if order.needs_idle() && !is_idle => Err(NOT_IDLE.into()),
             ToBoard::WaveClear => {
                 self.records.clear();
-                self.task = Task::Reference(0.0);
+                self.take(Task::Reference(0.0));
                 Ok(())
             }
             ToBoard::WaveSegment(_) if self.records.len() == SEGMENTS => Err(WAVE_FULL.into()),
@@ -152,7 +162,7 @@ impl InProcess {
                 Ok(())
             }
             ToBoard::WaveTable { offset, values } => {
-                self.task = Task::Reference(0.0);
+                self.take(Task::Reference(0.0));
                 Ok(fill_table(&mut self.table, *offset, values)?)
             }
             ToBoard::WaveUse { is_closed_loop } => self.use_wave(*is_closed_loop),
@@ -171,13 +181,19 @@ impl InProcess {
         self.checked = checked;
         self.parameters = parameters;
         if is_other_rate {
-            self.task = Task::Reference(0.0);
+            self.take(Task::Reference(0.0));
         }
         Ok(())
     }
 
+    /// Another task, from the next sample on.
+    fn take(&mut self, task: Task) {
+        self.controller.change_command(&self.task.command(&[]), &task.command(&[]));
+        self.task = task;
+    }
+
     fn use_wave(&mut self, is_closed_loop: bool) -> Result<(), String> {
-        self.task = Task::Reference(0.0);
+        self.take(Task::Reference(0.0));
         let rate_hz = self.parameters.rate_hz;
         let mut wave = Vec::new();
         for record in &self.records {
@@ -186,7 +202,7 @@ impl InProcess {
             wave.push(record.build(rate_hz, &[]).ok());
         }
         self.wave = wave;
-        self.task = Task::Wave { is_closed_loop };
+        self.take(Task::Wave { is_closed_loop });
         Ok(())
     }
 
@@ -206,20 +222,14 @@ impl InProcess {
         }
         let measured_m = checked.calibration.displacement_m(AdcCode(displacement));
         let InProcess { records, wave, table, parameters, controller, task, .. } = self;
-        let built: Vec<Segment<'_>>;
-        let command = match *task {
-            Task::Reference(reference_m) => Command::Reference { reference_m },
-            Task::Drive(drive_v) => Command::Drive { drive_v },
-            Task::Wave { is_closed_loop } => {
-                let parts = records.iter().zip(wave.iter());
-                built = parts
-                    .filter_map(|(record, kept)| kept.or_else(|| record.build(parameters.rate_hz, table).ok()))
-                    .collect();
-                let generator = Generator::new(&built);
-                if is_closed_loop { Command::GeneratedReference(generator) } else { Command::GeneratedDrive(generator) }
-            }
+        let build = |(record, kept): (&SegmentRecord, &Option<Segment<'static>>)| {
+            kept.or_else(|| record.build(parameters.rate_hz, table).ok())
         };
-        let output = controller.tick(&Input { command, measured_m });
+        let built: Vec<Segment<'_>> = match task {
+            Task::Wave { .. } => records.iter().zip(wave.iter()).filter_map(build).collect(),
+            Task::Reference(_) | Task::Drive(_) => Vec::new(),
+        };
+        let output = controller.tick(&Input { command: task.command(&built), measured_m });
         self.drive_v = output.drive_v;
         let DacCode(drive) = checked.calibration.dac_code(output.drive_v);
         let mode = self.controller.mode_name() as u8;
@@ -304,5 +314,86 @@ impl Link for InProcess {
 
     fn patience(&self) -> Duration {
         Duration::ZERO
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lockstep::{Ready, Row, Task as Run, prepare_task, sample};
+    use crate::session::Session;
+    use plant_sim::experiment::{Bench, Setup};
+    use plant_sim::model::Model;
+    use plant_sim::replay::Start;
+    use plant_sim::spec::Spec;
+    use std::convert::Infallible;
+    use std::path::Path;
+    use virtual_board::waveform::Waveform;
+
+    const RATE_HZ: f64 = 20e3;
+
+    /// A board that runs `spec` in open loop over the bridge, with the thesis' plant at rest on it.
+    fn opened(spec: &str) -> (Session<InProcess>, Ready, Bench) {
+        let mut session = Session::new(InProcess::nucleo());
+        let waveform = Waveform::new(&Spec::parse(spec).unwrap(), RATE_HZ).unwrap();
+        let input = InputSource::Bridge;
+        let run =
+            Run { own: None, settings: None, rate_hz: RATE_HZ, waveform: &waveform, is_closed_loop: false, input };
+        let ready = prepare_task::<_, Infallible>(&mut session, &run, false).unwrap();
+        session.order(&ToBoard::Arm).unwrap();
+        session.order(&ToBoard::Run).unwrap();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let chain = Model::read(&path).unwrap().chain();
+        let start = Start::relaxed(&chain);
+        let latency_s = ready.latency_s;
+        let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: 0, latency_s, seed: 1 };
+        let bench = Bench::new(&setup);
+        (session, ready, bench)
+    }
+
+    fn rows(session: &mut Session<InProcess>, ready: &Ready, bench: &mut Bench, last: Row, samples: usize) -> Vec<Row> {
+        let mut last = last;
+        let mut one = || {
+            let (row, mode) = sample(session, ready, bench, &last).unwrap();
+            assert_eq!(mode, Some(ModeName::Running as u8), "{row:?}");
+            bench.apply(row.command_v);
+            last = row;
+            row
+        };
+        (0..samples).map(|_| one()).collect()
+    }
+
+    #[test]
+    fn a_reference_under_an_open_loop_goes_there_from_where_the_stage_stands() {
+        let (mut session, ready, mut bench) = opened("hold:40V");
+        let before = *rows(&mut session, &ready, &mut bench, Row::BEFORE, 4000).last().unwrap();
+        assert!((58e-6..59e-6).contains(&before.displacement_m), "{before:?}");
+        // Two moves of 5.2 um, the second in a loop that was closed before: the drive of the first sample, and how far beyond target and start.
+        let moves = [(53e-6, 58.2e-6), (47.8e-6, 53e-6)].map(|(to_m, from_m)| {
+            session.order(&ToBoard::Reference { reference_m: to_m as f32 }).unwrap();
+            let after = rows(&mut session, &ready, &mut bench, before, 2000);
+            let beyond = |most_m: f64, row: &Row| most_m.max(to_m - row.displacement_m);
+            let back = |most_m: f64, row: &Row| most_m.max(row.displacement_m - from_m);
+            (after[0].command_v, after.iter().fold(0.0, beyond), after.iter().fold(0.0, back))
+        });
+        let [(first_v, beyond_m, back_m), (_, usual_m, _)] = moves;
+        // a T^2 = 0.5 um of reference, of which ff, Kp and Ki T make 0.72 V, and a code of the DAC, 0.05 V.
+        assert!((before.command_v - first_v - 0.72).abs() < 0.06, "{first_v} after {before:?}");
+        // The loop's own overshoot, up to two codes of the ADC; and one where it stood.
+        assert!(usual_m < 3e-6 && (beyond_m - usual_m).abs() < 0.13e-6 && back_m < 0.07e-6, "{moves:?}");
+    }
+
+    #[test]
+    fn a_host_that_goes_on_arming_does_not_hide_a_stuck_drive() {
+        let (mut session, ready, mut bench) = opened("hold:40V");
+        let last = *rows(&mut session, &ready, &mut bench, Row::BEFORE, 200).last().unwrap();
+        let AdcCode(displacement) = ready.checked.calibration.adc_code(last.displacement_m as f32);
+        let stuck = ready.checked.monitor_code(0.0, &ready.board.converters);
+        for _ in 0..ready.checked.monitor_samples {
+            let refused = session.order(&ToBoard::Arm).unwrap_err().to_string();
+            assert!(refused.contains("arm is refused in mode running"), "{refused}");
+            session.exchange(displacement, stuck).unwrap();
+        }
+        assert_eq!(session.status().unwrap().fault, FaultCode::DriveMismatch.number());
     }
 }

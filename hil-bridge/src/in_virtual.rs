@@ -25,6 +25,11 @@ impl InVirtual {
         machine.run(limit, |chip| chip.samples >= 2)?;
         Ok(InVirtual { machine })
     }
+
+    /// The board itself, for who breaks something on its bench.
+    pub fn machine(&mut self) -> &mut Machine {
+        &mut self.machine
+    }
 }
 
 fn cycles(time: Duration) -> u64 {

@@ -13,6 +13,8 @@ use wire::{Checked, InputSource, ParameterError, Parameters, Status, ToBoard};
 
 /// Longest way to 0 V after the run, in seconds of the plant; the ramp takes milliseconds.
 const END_S: f64 = 1.0;
+/// How often a set is given back to a board that does not answer.
+const ATTEMPTS: u32 = 3;
 
 /// Why there is no run, or only a part of one.
 #[derive(Debug, thiserror::Error)]
@@ -146,8 +148,29 @@ pub fn prepare_task<L: Link, E>(
     session.order(&ToBoard::SetParameters(parameters))?;
     task.waveform.send(task.is_closed_loop, |request| session.order(request))?;
     session.order(&ToBoard::Input(task.input))?;
-    let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+    let latency_s = board.latency_s();
     Ok(Ready { board, parameters, checked, latency_s })
+}
+
+/// Gives a board its own set back, however a run ended: the limits of its controller are none of who comes next. In its fault a board takes another
+/// law and no other rate; everybody sets that for himself, and it stays at `rate_hz` then, what it is set to.
+///
+/// # Errors
+/// [`SessionError`]: the limits stay.
+pub fn put_back<L: Link>(session: &mut Session<L>, own: Parameters, rate_hz: f32) -> Result<(), SessionError> {
+    let mut give = |set: Parameters| {
+        let mut done = session.order(&ToBoard::SetParameters(set));
+        // Heard twice it is the same set.
+        for _ in 1..ATTEMPTS {
+            let Err(SessionError::Silent { .. }) = done else { break };
+            done = session.order(&ToBoard::SetParameters(set));
+        }
+        done
+    };
+    match give(own) {
+        Err(SessionError::Refused { .. }) => give(Parameters { rate_hz, ..own }),
+        done => done,
+    }
 }
 
 /// Measures a link: `samples` over the bridge to a board that stays idle. What came of it is in the session's statistics.
@@ -206,14 +229,7 @@ fn free<L: Link, E>(
 ) -> Result<(), LockstepError<E>> {
     let fault = FaultCode::from_number(status.fault);
     if let Some(fault) = fault.filter(|fault| !may_leave(*fault)) {
-        let advice = match fault {
-            FaultCode::ParameterStore => {
-                "what it had stored can't be read, and it has its image's numbers, the sensor's too: give it yours with `hysteron board parameters --clear-fault --set .. --save`"
-            }
-            FaultCode::Clock => "its crystal does not run, and its clock may be 1 % off: mend it, then reset the board",
-            _ => "see to its cause, then repeat the call with --clear-fault",
-        };
-        return Err(LockstepError::InFault { fault: fault.word().replace('_', " "), advice });
+        return Err(in_fault(fault));
     }
     let is_bridged = status.input == InputSource::Bridge;
     if fault.is_none() {
@@ -244,6 +260,29 @@ fn free<L: Link, E>(
         session.order(&ToBoard::ClearFault)?;
     }
     Ok(())
+}
+
+fn in_fault<E>(fault: FaultCode) -> LockstepError<E> {
+    let advice = match fault {
+        FaultCode::ParameterStore => {
+            "what it had stored can't be read, and it has its image's numbers, the sensor's too: give it yours with `hysteron board parameters --clear-fault --set .. --save`"
+        }
+        FaultCode::Clock => "its crystal does not run, and its clock may be 1 % off: mend it, then reset the board",
+        _ => "see to its cause, then repeat the call with --clear-fault",
+    };
+    LockstepError::InFault { fault: fault.word().replace('_', " "), advice }
+}
+
+/// Starts the loop of a prepared board in its two actions. A fault that is there once it is armed, such as an open stop chain, is told by its name
+/// and not as the action that is refused for it.
+pub(crate) fn start<L: Link, E>(session: &mut Session<L>) -> Result<(), LockstepError<E>> {
+    let started = session.order(&ToBoard::Arm).and_then(|()| session.order(&ToBoard::Run));
+    if let Err(SessionError::Refused { .. }) = &started
+        && let Some(fault) = FaultCode::from_number(session.status()?.fault)
+    {
+        return Err(in_fault(fault));
+    }
+    Ok(started?)
 }
 
 /// Runs a prepared board against the plant; `setup`'s latency is [`Ready::latency_s`]. Each row is given to `on_row` as it is made; if that fails,
@@ -287,8 +326,7 @@ pub(crate) fn play<L: Link, E>(
     mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
     let mut outcome = Outcome::default();
-    session.order(&ToBoard::Arm)?;
-    session.order(&ToBoard::Run)?;
+    start(session)?;
     let mut last = Row::BEFORE;
     for index in 0..samples {
         let row = next(session, bench, &Row { index, ..last }, &mut outcome)?;

@@ -4,17 +4,19 @@
 //! fault of the board's own, which ends at 0 V.
 
 use crate::link::Link;
-use crate::lockstep::{LockstepError, Outcome, Ready, Row};
+use crate::lockstep::{LockstepError, Outcome, Ready, Row, start};
 use crate::session::{Block, Session, SessionError};
 use control_core::{AdcCode, DacCode, FaultCode, ModeName};
 use std::ops::ControlFlow;
 use std::time::Duration;
-use wire::{Flags, Parameters, Sample, ToBoard};
+use wire::{Flags, Parameters, Sample};
 
 /// How long a look for samples waits: a block of 48 takes 2.4 ms at 20 kHz.
 const LOOK: Duration = Duration::from_millis(5);
-/// How often the board hears from its host; a fifth of the silence that it takes for a lost link.
+/// How often the board hears from its host at the least.
 const ALIVE: Duration = Duration::from_millis(50);
+/// And so many times within the silence that it takes for a lost link.
+const TIMES: f32 = 5.0;
 /// Without a sample for so long, the stream is gone.
 const STARVED: Duration = Duration::from_secs(3);
 /// What a board may take beyond its ramp, which takes milliseconds as a rule, until it is at 0 V.
@@ -71,26 +73,26 @@ fn follow<L: Link, E>(
 ) -> Result<Outcome, LockstepError<E>> {
     // What is older was left over from a stream before this one.
     let idle_until = session.status()?.samples;
-    session.order(&ToBoard::Arm)?;
-    session.order(&ToBoard::Run)?;
+    start(session)?;
     let mut record = Record::new(ready, samples, idle_until);
+    let alive = alive(&ready.parameters);
     let (mut heard_at, mut asked_at) = (session.link().now(), session.link().now());
     loop {
-        let block = session.next_block(LOOK)?;
+        let block = session.next_block(LOOK.min(alive))?;
         let now = session.link().now();
-        match block {
-            Some(block) => {
+        if let Some(block) = block {
+            if record.take(&block, |row| on_row(session, row)).map_err(LockstepError::Row)?.is_break() {
+                return Ok(record.outcome);
+            }
+            // Idle samples do not count: a loop that never begins would be waited for without end.
+            if record.first.is_some() {
                 heard_at = now;
-                if record.take(&block, |row| on_row(session, row)).map_err(LockstepError::Row)?.is_break() {
-                    return Ok(record.outcome);
-                }
             }
-            None if now.saturating_sub(heard_at) > STARVED => {
-                return Err(SessionError::Silent { request: "StreamStart".into() }.into());
-            }
-            None => {}
         }
-        if now.saturating_sub(asked_at) >= ALIVE {
+        if now.saturating_sub(heard_at) > STARVED {
+            return Err(SessionError::Silent { request: "StreamStart".into() }.into());
+        }
+        if now.saturating_sub(asked_at) >= alive {
             asked_at = now;
             session.status()?;
         }
@@ -102,9 +104,10 @@ struct Record<'a> {
     ready: &'a Ready,
     samples: usize,
     reference_step_m: f64,
-    /// Number of a sample at which the loop stood still.
+    /// Number of the last sample of which is known that the loop had not begun.
     idle_until: u32,
-    /// Number of the first sample of the running loop, and how many follow until the one that comes next.
+    /// Number of the first sample of the loop, and how many follow until the one that comes next. Where the block with its beginning was lost,
+    /// that is the first one that may have been in it: a hole at the start is one like any other.
     first: Option<(u32, usize)>,
     last_v: f64,
     outcome: Outcome,
@@ -123,10 +126,15 @@ impl Record<'_> {
             let mode = sample.flags.mode();
             if self.first.is_none() {
                 let is_old = number.wrapping_sub(self.idle_until) > u32::MAX / 2;
-                if is_old || mode != ModeName::Running as u8 {
+                if is_old {
                     continue;
                 }
-                self.first = Some((number, 0));
+                // Whatever else it is, it was started; in its fault perhaps before a sample of it was heard.
+                if mode == ModeName::Idle as u8 || mode == ModeName::Armed as u8 {
+                    self.idle_until = number;
+                    continue;
+                }
+                self.first = Some((self.idle_until.wrapping_add(1), 0));
             }
             let Some((first, expected)) = &mut self.first else { continue };
             let index = number.wrapping_sub(*first) as usize;
@@ -184,7 +192,7 @@ pub fn stop<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
     if !has(mode, ModeName::Fault) {
         session.stop()?;
     }
-    let ramp = session.parameters().map_or(END, |parameters| ramp(&parameters));
+    let (ramp, look) = session.parameters().map_or((END, LOOK), |set| (ramp(&set), LOOK.min(alive(&set))));
     let (down, until) = (session.link().now() + ramp, session.link().now() + ramp + END);
     loop {
         let (mode, now) = (session.status()?.mode, session.link().now());
@@ -196,8 +204,14 @@ pub fn stop<L: Link>(session: &mut Session<L>) -> Result<(), SessionError> {
             return Err(SessionError::NotAtRest);
         }
         // The bench's time passes meanwhile, on a simulated board too.
-        session.next_block(LOOK)?;
+        session.next_block(look)?;
     }
+}
+
+/// How often a board that is set so hears from its host.
+fn alive(parameters: &Parameters) -> Duration {
+    // Infinity, of a board that waits for nobody, is no duration.
+    Duration::try_from_secs_f32(parameters.link_timeout_s / TIMES).map_or(ALIVE, |time| time.min(ALIVE))
 }
 
 /// How long the way to 0 V takes at the most: the ramp is steepest in its middle, 15/8 of its mean.
@@ -222,22 +236,28 @@ mod tests {
 
     /// What becomes of blocks that begin with these numbers, four running samples each.
     fn rows(firsts: &[u32]) -> (Vec<usize>, Vec<usize>) {
+        let blocks: Vec<_> = firsts.iter().map(|first| (*first, ModeName::Running)).collect();
+        rows_of(&blocks)
+    }
+
+    /// The same of blocks in any mode; the board was idle at sample 1000.
+    fn rows_of(blocks: &[(u32, ModeName)]) -> (Vec<usize>, Vec<usize>) {
         let (parameters, converters) = (Parameters::NUCLEO_PI1, Converters::NUCLEO_G474RE);
         let checked = parameters.check(&converters).unwrap();
         let board = Board { board: String::new(), firmware: String::new(), converters };
         let ready = Ready { board, parameters, checked, latency_s: 10e-6 };
-        let running = Sample {
+        let sample = |mode: ModeName| Sample {
             reference: 0,
             displacement: 2048,
             monitor: 2048,
             drive: 2048,
             limited_by: Limits::NONE,
-            flags: Flags(ModeName::Running as u8),
+            flags: Flags(mode as u8),
         };
         let mut record = Record::new(&ready, 100, 1000);
         let mut rows = Vec::new();
-        for &first in firsts {
-            let block = Block { first, every: 1, dropped: 0, samples: vec![running; 4] };
+        for &(first, mode) in blocks {
+            let block = Block { first, every: 1, dropped: 0, samples: vec![sample(mode); 4] };
             let taken = record.take(&block, |row| {
                 rows.push(row.index);
                 Ok::<(), ()>(())
@@ -257,7 +277,31 @@ mod tests {
         assert_eq!(rows(&[1001, 1001, 1005]), ((0..8).collect(), vec![]));
         assert_eq!(rows(&[1001, 1009, 1005, 1013]), ([0..4, 8..16].into_iter().flatten().collect(), (4..8).collect()));
         // The board began anew.
-        let (kept, lost) = rows(&[2001, 3, 7]);
+        let (kept, lost) = rows(&[1001, 3, 7]);
         assert_eq!((kept, lost), ((0..4).collect(), (4..100).collect()));
+    }
+
+    #[test]
+    fn a_beginning_that_was_not_heard_is_a_hole() {
+        use ModeName::{Armed, Fault, Idle, Running};
+        assert_eq!(
+            rows_of(&[(1001, Idle), (1005, Armed), (1009, Running)]),
+            ((0..4).collect(), vec![]),
+            "none is missing"
+        );
+        assert_eq!(rows_of(&[(900, Armed), (1001, Armed), (1013, Running)]), ((8..12).collect(), (0..8).collect()));
+        // Not even an idle sample was.
+        assert_eq!(rows(&[1005]), ((4..8).collect(), (0..4).collect()));
+        // It began and ended there: the record ends with the fault, at 0 V.
+        assert_eq!(rows_of(&[(1001, Armed), (1013, Fault), (1017, Fault)]), (vec![8], (0..8).collect()));
+        // A fault of before is none of this loop's.
+        assert_eq!(rows_of(&[(900, Fault), (1001, Running)]), ((0..4).collect(), vec![]));
+    }
+
+    #[test]
+    fn a_board_of_less_patience_hears_from_its_host_more_often() {
+        let often = |link_timeout_s| alive(&Parameters { link_timeout_s, ..Parameters::NUCLEO_PI1 });
+        assert_eq!([0.25, 10.0, f32::INFINITY].map(often), [ALIVE; 3]);
+        assert!((often(0.02).as_secs_f64() - 0.004).abs() < 1e-9, "{:?}", often(0.02));
     }
 }

@@ -56,6 +56,13 @@ pub struct Board {
     pub converters: Converters,
 }
 
+impl Board {
+    /// From sample to drive on its own pins, seconds.
+    pub fn latency_s(&self) -> f64 {
+        f64::from(self.converters.latch_cycles) / f64::from(self.converters.timer_hz)
+    }
+}
+
 /// A board's answer to one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {

@@ -157,7 +157,7 @@ fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<
         if let (true, Some(sample)) = (is_streamed, report.streamed.get(k)) {
             values.extend([
                 f64::from(sample.reference) * f64::from(report.reference_step_m),
-                f64::from((f32::from(sample.monitor) - checked.monitor_zero_code) * checked.monitor_v_per_code),
+                f64::from(checked.monitor_v(sample.monitor)),
                 f64::from(sample.limited_by.bits()),
             ]);
         }
@@ -195,7 +195,9 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "measured_on_silicon": false,
     });
     let path = report_path(call);
-    output::save(&path, format!("{value:#}\n").as_bytes())?;
+    if let Some(path) = &path {
+        output::save(path, format!("{value:#}\n").as_bytes())?;
+    }
     if call.json {
         output::line(&value.to_string());
         return Ok(());
@@ -216,11 +218,13 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         ("peak displacement".into(), format!("{:.2} um", report.peak_m * 1e6)),
     ]);
     output::line(&format!("log: {}", call.out.display()));
-    output::line(&format!("report: {}", path.display()));
+    if let Some(path) = &path {
+        output::line(&format!("report: {}", path.display()));
+    }
     Ok(())
 }
 
-/// Beside the log: LOG.board.json.
-fn report_path(call: &BoardRunCall) -> PathBuf {
-    call.out.with_extension("board.json")
+/// Beside the log: LOG.board.json. Beside a device or a pipe nowhere.
+fn report_path(call: &BoardRunCall) -> Option<PathBuf> {
+    (!output::is_special(&call.out)).then(|| call.out.with_extension("board.json"))
 }

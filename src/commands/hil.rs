@@ -61,93 +61,96 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let faults = faults(call.link_faults.as_deref())?;
     let (plant_file, controller_file) = (output::named(plant)?, output::named(controller)?);
     let image = call.at.image.as_deref().map(output::named).transpose()?;
-    let mut reference_files = Vec::new();
-    for path in spec_files(std::iter::once(&spec)) {
-        reference_files.push(output::named(path)?);
-    }
+    let reference_files = output::played(spec_files(std::iter::once(&spec)))?;
     check_place(out)?;
 
     let link =
         Faulty::new(open(&call.at, Some(&model), call.rate, call.seed, None)?, faults.unwrap_or_default(), call.seed);
     let mut session = session(&call.at, link);
-    session.greet()?;
-    let own = session.parameters()?;
-    let ready = prepare::<_, RunError>(&mut session, &settings, &waveform, call.clear_fault)?;
-    let mut ready = ready;
-    let mut told = Vec::new();
-    if call.paced {
-        probe::<_, RunError>(&mut session, PROBES)?;
-        let asked = paced::check(session.statistics(), call.rate);
-        let rate_hz = asked.map_or_else(|error| error.most_hz, |()| call.rate);
-        let loops = loops(controller, rate_hz, paced::latency_s(rate_hz), &chain);
-        if let Err(error) = asked {
-            return Err(Failure::call(format!(
-                "{error}; loops there: {}; lower --rate or leave --paced out",
-                loops.join(", ")
-            )));
-        }
-        told = loops;
-        // The probe left the board idle, listening to its pins.
-        ready = prepare::<_, RunError>(&mut session, &settings, &waveform, false)?;
-        ready.latency_s = paced::latency_s(call.rate);
-    }
+    let board = session.greet()?;
+    let latency_s = if call.paced { paced::latency_s(call.rate) } else { board.latency_s() };
     let mut warnings = model.live_warnings();
-    warnings.extend(board::loop_warnings(&settings, call.rate, ready.latency_s, &model)?);
-    let start = model.start();
+    warnings.extend(board::loop_warnings(&settings, call.rate, latency_s, &model)?);
+    // Idle first: of a board that does something else nothing is changed, and nothing put back.
+    idle::<_, RunError>(&mut session, call.clear_fault)?;
+    let own = session.parameters()?;
     let samples = samples as usize;
-    let setup = Setup {
-        chain: &chain,
-        start: &start,
-        rate_hz: call.rate,
-        samples,
-        latency_s: ready.latency_s,
-        seed: call.seed,
-    };
-    let mut directory = RunDirectory::create(
-        out,
-        &Facts {
-            place: &call.at.board,
-            ready: &ready,
-            image: image.as_ref().map(output::parts),
-            plant: output::parts(&plant_file),
-            controller: output::parts(&controller_file),
-            reference,
-            reference_files: &reference_files,
-            rate_hz: call.rate,
-            samples,
-            seed: call.seed,
-            is_paced: call.paced,
-            link_faults: call.link_faults.as_deref().map(|faults| (faults, call.seed)),
-        },
-    )?;
-    let bar = output::bar(samples as u64, "running the board");
-    let report_every = (samples / 200).max(1);
-    let on_row = |session: &mut Session<_>, row: &Row| {
-        if row.index.is_multiple_of(report_every) {
-            bar.set_position(row.index as u64);
+    let run = |session: &mut Session<Faulty<Box<dyn Link>>>| -> Result<(Outcome, Vec<String>), Failure> {
+        let mut ready = prepare::<_, RunError>(session, &settings, &waveform, false)?;
+        let mut told = Vec::new();
+        if call.paced {
+            probe::<_, RunError>(session, PROBES)?;
+            let asked = paced::check(session.statistics(), call.rate);
+            let rate_hz = asked.map_or_else(|error| error.most_hz, |()| call.rate);
+            told = loops(controller, rate_hz, paced::latency_s(rate_hz), &chain);
+            if let Err(error) = asked {
+                let loops = told.join(", ");
+                return Err(Failure::call(format!("{error}; loops there: {loops}; lower --rate or leave --paced out")));
+            }
+            // The probe left the board idle, listening to its pins.
+            ready = prepare::<_, RunError>(session, &settings, &waveform, false)?;
+            ready.latency_s = latency_s;
         }
-        // Not before the loop runs: what starts it is not what such a run is about.
-        let link: &mut Faulty<Box<dyn Link>> = session.link();
-        link.switch(faults.is_some());
-        let now = session.link().now();
-        directory.row(row, now, session.statistics())
+        let start = model.start();
+        let setup = Setup { chain: &chain, start: &start, rate_hz: call.rate, samples, latency_s, seed: call.seed };
+        let mut directory = RunDirectory::create(
+            out,
+            &Facts {
+                place: &call.at.board,
+                ready: &ready,
+                image: image.as_ref().map(output::parts),
+                plant: output::parts(&plant_file),
+                controller: output::parts(&controller_file),
+                reference,
+                reference_files: &reference_files,
+                rate_hz: call.rate,
+                samples,
+                seed: call.seed,
+                is_paced: call.paced,
+                link_faults: call.link_faults.as_deref().map(|faults| (faults, call.seed)),
+            },
+        )?;
+        let bar = output::bar(samples as u64, "running the board");
+        let report_every = (samples / 200).max(1);
+        let on_row = |session: &mut Session<_>, row: &Row| {
+            if row.index.is_multiple_of(report_every) {
+                bar.set_position(row.index as u64);
+            }
+            // Not before the loop runs: what starts it is not what such a run is about.
+            let link: &mut Faulty<Box<dyn Link>> = session.link();
+            link.switch(faults.is_some());
+            let now = session.link().now();
+            directory.row(row, now, session.statistics())
+        };
+        let mut bench = Bench::new(&setup);
+        let ended = if call.paced {
+            paced::run(session, &ready, &mut bench, samples, on_row)
+        } else {
+            run_on(session, &ready, &mut bench, samples, on_row)
+        };
+        bar.finish_and_clear();
+        let outcome = match ended {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                // Why it ended matters more than that this can't be written either.
+                let _ = directory.keep(session.statistics());
+                return Err(error.into());
+            }
+        };
+        directory.finish(session.statistics(), &outcome)?;
+        Ok((outcome, told))
     };
-    let mut bench = Bench::new(&setup);
-    let ended = if call.paced {
-        paced::run(&mut session, &ready, &mut bench, samples, on_row)
-    } else {
-        run_on(&mut session, &ready, &mut bench, samples, on_row)
-    };
-    bar.finish_and_clear();
-    let outcome = match ended {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            // Why it ended matters more than that this can't be written either.
-            let _ = directory.keep(session.statistics());
-            return Err(error.into());
+    let ended = run(&mut session);
+    // Whatever came of it. A bad line made on purpose is none of the next call's either.
+    session.link().switch(false);
+    let left = put_back(&mut session, own, &[own.with_settings(&settings)]);
+    let (outcome, told) = match ended {
+        Ok(ended) => ended,
+        Err(failure) => {
+            output::warn(left.as_slice());
+            return Err(failure);
         }
     };
-    directory.finish(session.statistics(), &outcome)?;
     if !outcome.lost.is_empty() {
         warnings.push(format!(
             "{} of {samples} samples were lost on the link, where the drive was held: another run gives other bits",
@@ -157,14 +160,12 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     if outcome.overruns > 0 {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
     }
-    if outcome.fault.is_none() {
-        warnings.extend(put_back(&mut session, own));
-    }
+    warnings.extend(left);
     output::warn(&warnings);
     if !call.json {
         told.iter().for_each(|line| output::line(line));
     }
-    say(call, &ready.board, session.statistics(), Some((&outcome, samples, out)));
+    say(call, &board, session.statistics(), Some((&outcome, samples, out)));
     match outcome.fault {
         Some(fault) => Err(in_fault(fault, &out.join("log.csv"))),
         None => Ok(()),

@@ -9,13 +9,14 @@ use hil_bridge::faulty::Faults;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
 use hil_bridge::link::{Link, Place};
+use hil_bridge::lockstep;
 use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
 use plant_sim::model::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use virtual_board::Image;
-use wire::{Parameters, ToBoard};
+use wire::Parameters;
 
 /// A conversation over `link`, as patient as the call says.
 pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {
@@ -90,10 +91,13 @@ fn serial(_: PathBuf, _: u32) -> Result<Open, Failure> {
     Err(Failure::call("--board serial: not on this system; use tcp"))
 }
 
-/// Gives an idle board back the set that it had before a controller's was put over it: its limits are none of the next call's. What there is to warn of.
-pub fn put_back<L: Link>(session: &mut Session<L>, own: Parameters) -> Option<String> {
-    let error = session.order(&ToBoard::SetParameters(own)).err()?;
-    Some(format!("the board keeps the controller's limits until it is set anew: {error}"))
+/// Gives a board back the set that it had before `others` were put over it, whatever ended the call. What there is to warn of.
+pub fn put_back<L: Link>(session: &mut Session<L>, own: Parameters, others: &[Parameters]) -> Option<String> {
+    let other = others.iter().find(|other| **other != own)?;
+    let error = lockstep::put_back(session, own, other.rate_hz).err()?;
+    Some(format!(
+        "the board keeps the limits of this call until it is reset or set anew (`hysteron board parameters`): {error}"
+    ))
 }
 
 /// A run that ended in a fault of the board, of which `log` keeps the last rows.

@@ -5,11 +5,11 @@ use crate::commands::board;
 use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
 use crate::failure::Failure;
 use crate::output;
-use control_core::Settings;
+use control_core::{FaultCode, Settings};
 use hil_bridge::experiments::{Experiment, demagnetising};
 use hil_bridge::faulty::Faulty;
 use hil_bridge::link::{Link, Place};
-use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, prepare_task, run_on};
+use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, idle, prepare_task, run_on};
 use hil_bridge::pins;
 use hil_bridge::recording::{Facts, Recording};
 use hil_bridge::run_directory::{RunError, check_place};
@@ -18,7 +18,6 @@ use plant_sim::experiment::{Bench, Program, Reach, Setup, open_loop_reach};
 use plant_sim::model::Model;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
-use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::{InputSource, Parameters};
 
@@ -44,6 +43,21 @@ struct Plan {
     own: Option<Parameters>,
 }
 
+/// How far it came.
+#[derive(Default)]
+struct Ending {
+    /// Of each experiment that was begun.
+    outcomes: Vec<Outcome>,
+    /// The fault that came while demagnetising before the one that is next.
+    before: Option<FaultCode>,
+}
+
+impl Ending {
+    fn is_whole(&self) -> bool {
+        self.before.is_none() && self.outcomes.iter().all(|outcome| outcome.fault.is_none())
+    }
+}
+
 /// Runs it.
 pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut plan = plan(call)?;
@@ -60,59 +74,80 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
     let board = session.greet()?;
     let mut warnings = check(call, &plan, &board, model.as_ref())?;
+    // Idle first: of a board that does something else nothing is changed, and nothing put back.
+    idle::<_, RunError>(&mut session, call.clear_fault)?;
     // What drives in open loop does so within the board's own limits, whatever controller ran before it.
-    plan.own = Some(session.parameters()?);
-    // Whatever the board refuses, it refuses before there is a directory and before anything moves.
-    let mut parameters = Vec::new();
-    for (experiment, played) in plan.experiments.iter().zip(&plan.played) {
-        let ready = prepare(call, &plan, &mut session, experiment.controller, played, call.clear_fault)?;
-        if call.at.board != Place::InProcess {
-            pins::check_stream::<_, RunError>(&mut session, &ready)?;
-        }
-        parameters.push(ready.parameters);
-    }
+    let own = session.parameters()?;
+    plan.own = Some(own);
     let samples: Vec<usize> = plan.played.iter().map(|played| played.samples).collect();
-    let facts = Facts {
-        place: &call.at.board,
-        board: &board,
-        image: image.as_ref().map(output::parts),
-        plant: plant_file.as_ref().map(output::parts),
-        controllers: &plan.controllers,
-        reference_files: &plan.reference_files,
-        experiments: &plan.experiments,
-        samples: &samples,
-        parameters: &parameters,
-        set: call.set.map(|set| set.name()),
-        before: plan.before.as_ref().map(|(spec, _)| spec.as_str()),
-        rate_hz: call.rate,
-        seed: call.seed,
-        link_faults: call.link_faults.as_deref(),
-    };
-    let mut recording = Recording::create(&call.out, &facts)?;
     let mut bench = model.as_ref().filter(|_| call.at.board == Place::InProcess).map(|model| {
         let chain = model.chain();
         let start = model.start();
         // Latency and length are the board's; all boards have the same converters in process.
-        let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+        let latency_s = board.latency_s();
         Bench::new(&Setup { chain: &chain, start: &start, rate_hz: call.rate, samples: 0, latency_s, seed: call.seed })
     });
-    let outcomes = play(call, &plan, &facts, &mut session, bench.as_mut(), &mut recording, faults.is_some());
-    let outcomes = match outcomes {
-        Ok(outcomes) => outcomes,
-        Err(failure) => {
-            // Why it ended matters more than that this can't be written either.
+    let mut record_all = |session: &mut Session<Faulty<Box<dyn Link>>>| -> Result<(Ending, Vec<String>), Failure> {
+        // Whatever the board refuses, it refuses before there is a directory and before anything moves.
+        let mut parameters = Vec::new();
+        for (experiment, played) in plan.experiments.iter().zip(&plan.played) {
+            let ready = prepare(call, &plan, session, experiment.controller, played)?;
+            if call.at.board != Place::InProcess {
+                pins::check_stream::<_, RunError>(session, &ready)?;
+            }
+            parameters.push(ready.parameters);
+        }
+        let facts = Facts {
+            place: &call.at.board,
+            board: &board,
+            image: image.as_ref().map(output::parts),
+            plant: plant_file.as_ref().map(output::parts),
+            controllers: &plan.controllers,
+            reference_files: &plan.reference_files,
+            experiments: &plan.experiments,
+            samples: &samples,
+            parameters: &parameters,
+            set: call.set.map(|set| set.name()),
+            before: plan.before.as_ref().map(|(spec, _)| spec.as_str()),
+            rate_hz: call.rate,
+            seed: call.seed,
+            link_faults: call.link_faults.as_deref(),
+        };
+        let mut recording = Recording::create(&call.out, &facts)?;
+        let ended = play(call, &plan, &facts, session, bench.as_mut(), &mut recording, faults.is_some());
+        let ending = match ended {
+            Ok(ending) => ending,
+            Err(failure) => {
+                // Why it ended matters more than that this can't be written either.
+                let _ = recording.keep(session.statistics());
+                return Err(failure);
+            }
+        };
+        let names = recording.names().map(str::to_owned).collect();
+        if ending.is_whole() {
+            recording.finish(session.statistics())?;
+        } else {
+            // The fault matters more than that this can't be written either.
             let _ = recording.keep(session.statistics());
+        }
+        Ok((ending, names))
+    };
+    let ended = record_all(&mut session);
+    // Whatever came of it.
+    let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
+    others.push(Parameters { rate_hz: call.rate as f32, ..own });
+    let left = put_back(&mut session, own, &others);
+    let (ending, names) = match ended {
+        Ok(ended) => ended,
+        Err(failure) => {
+            output::warn(left.as_slice());
             return Err(failure);
         }
     };
-    let names: Vec<String> = recording.names().map(str::to_owned).collect();
-    if outcomes.iter().all(|outcome| outcome.fault.is_none()) {
-        recording.finish(session.statistics())?;
-        warnings.extend(plan.own.and_then(|own| put_back(&mut session, own)));
-    }
+    warnings.extend(left);
     output::warn(&warnings);
-    say(call, &board, &session.statistics().json(), &names, &outcomes, &samples);
-    verdict(call, &names, &outcomes)
+    say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
+    verdict(call, &names, &ending)
 }
 
 /// Reads the call's files and lays out what is to be played.
@@ -165,17 +200,12 @@ fn plan(call: &RecordCall) -> Result<Plan, Failure> {
     if plan.experiments.is_empty() {
         return Err(Failure::call("this set is nothing but loops: give --controller, once for each"));
     }
-    let mut seen: Vec<PathBuf> = Vec::new();
+    let mut specs = Vec::new();
     for experiment in &plan.experiments {
         plan.played.push(lay_out(&experiment.spec, call.rate)?);
-        let spec = Spec::parse(&experiment.spec)?;
-        for path in spec_files(std::iter::once(&spec)) {
-            if !seen.contains(path) {
-                plan.reference_files.push(output::named(path)?);
-                seen.push(path.clone());
-            }
-        }
+        specs.push(Spec::parse(&experiment.spec)?);
     }
+    plan.reference_files = output::played(spec_files(specs.iter()))?;
     Ok(plan)
 }
 
@@ -199,11 +229,12 @@ fn lay_out(text: &str, rate_hz: f64) -> Result<Played, Failure> {
 /// Refuses loops that can't be stable and drives that would break the stage; what there is to warn of.
 fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -> Result<Vec<String>, Failure> {
     let Some(model) = model else {
-        let blind = "no --plant: whether the loops are stable was not checked";
-        return Ok(plan.settings.first().map(|_| blind.to_owned()).into_iter().collect());
+        let loops = plan.settings.first().map(|_| "whether the loops are stable").into_iter();
+        let unchecked: Vec<&str> = loops.chain(["how far drives in open loop take the stage"]).collect();
+        return Ok(vec![format!("no --plant: {} was not checked", unchecked.join(" and "))]);
     };
     let mut warnings = model.live_warnings();
-    let latency_s = f64::from(board.converters.latch_cycles) / f64::from(board.converters.timer_hz);
+    let latency_s = board.latency_s();
     for settings in &plan.settings {
         warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);
     }
@@ -244,7 +275,6 @@ fn prepare<L: Link>(
     session: &mut Session<L>,
     controller: Option<usize>,
     played: &Played,
-    clear_fault: bool,
 ) -> Result<Ready, LockstepError<RunError>> {
     let task = Task {
         own: plan.own,
@@ -254,7 +284,7 @@ fn prepare<L: Link>(
         is_closed_loop: controller.is_some(),
         input: if call.at.board == Place::InProcess { InputSource::Bridge } else { InputSource::Analog },
     };
-    prepare_task(session, &task, clear_fault)
+    prepare_task(session, &task, false)
 }
 
 /// Plays and writes down one experiment after the other; a fault ends it early.
@@ -266,21 +296,20 @@ fn play<L: Link>(
     mut bench: Option<&mut Bench>,
     recording: &mut Recording,
     is_faulty: bool,
-) -> Result<Vec<Outcome>, Failure> {
+) -> Result<Ending, Failure> {
     let total: usize = plan.played.iter().map(|played| played.samples).sum();
     let bar = output::bar(total as u64, "recording");
-    let mut outcomes = Vec::new();
+    let mut ending = Ending::default();
     let mut done = 0;
     for (index, (experiment, played)) in plan.experiments.iter().zip(&plan.played).enumerate() {
         if let Some((_, before)) = &plan.before {
-            let ready = prepare(call, plan, session, None, before, false)?;
-            let outcome = run(session, &ready, bench.as_deref_mut(), before.samples, |_, _| Ok(()))?;
-            if outcome.fault.is_some() {
-                outcomes.push(outcome);
+            let ready = prepare(call, plan, session, None, before)?;
+            ending.before = run(session, &ready, bench.as_deref_mut(), before.samples, |_, _| Ok(()))?.fault;
+            if ending.before.is_some() {
                 break;
             }
         }
-        let ready = prepare(call, plan, session, experiment.controller, played, false)?;
+        let ready = prepare(call, plan, session, experiment.controller, played)?;
         recording.begin(index, &ready, facts)?;
         let outcome = run(session, &ready, bench.as_deref_mut(), played.samples, |session, row| {
             if row.index.is_multiple_of(1000) {
@@ -296,13 +325,13 @@ fn play<L: Link>(
         recording.end(index, session.statistics(), &outcome)?;
         done += played.samples;
         let is_over = outcome.fault.is_some();
-        outcomes.push(outcome);
+        ending.outcomes.push(outcome);
         if is_over {
             break;
         }
     }
     bar.finish_and_clear();
-    Ok(outcomes)
+    Ok(ending)
 }
 
 /// Through the board's pins, or with the plant of a bench in process.
@@ -320,7 +349,14 @@ fn run<L: Link>(
 }
 
 /// A log with a hole, or a board in its fault, is no success.
-fn verdict(call: &RecordCall, names: &[String], outcomes: &[Outcome]) -> Result<(), Failure> {
+fn verdict(call: &RecordCall, names: &[String], ending: &Ending) -> Result<(), Failure> {
+    let outcomes = &ending.outcomes;
+    if let (Some(fault), Some(name)) = (ending.before, names.get(outcomes.len())) {
+        return Err(Failure::hardware(format!(
+            "the board is in {fault}, at 0 V: it came while demagnetising before {}, which was not begun; mend its cause, and --clear-fault leaves it",
+            call.out.join(name).display()
+        )));
+    }
     let last = outcomes.last().zip(names.get(outcomes.len().saturating_sub(1)));
     if let Some((Some(fault), name)) = last.map(|(outcome, name)| (outcome.fault, name)) {
         return Err(in_fault(fault, &call.out.join(name)));

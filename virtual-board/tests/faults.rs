@@ -115,6 +115,20 @@ fn a_dac_that_is_stuck_is_seen_by_the_monitor() {
 }
 
 #[test]
+fn a_host_that_goes_on_arming_does_not_hide_a_dac_that_is_stuck() {
+    let Some(mut board) = running() else { return };
+    board.machine.chip().stuck_dac = Some(MID + 200);
+    // An answer takes some samples, fewer than the 20 misses in a row that are a fault.
+    for _ in 0..20 {
+        let before = board.machine.chip().samples;
+        let refused = board.ask(&ToBoard::Arm).unwrap_err().to_string();
+        assert!(refused.contains("arm is refused in mode"), "{refused}");
+        assert!(board.machine.chip().samples - before < 20);
+    }
+    assert_eq!(board.status().unwrap().fault, FaultCode::DriveMismatch.number());
+}
+
+#[test]
 fn silence_of_the_host_ramps_down_after_250_ms() {
     let Some(mut board) = running() else { return };
     // Cut in the middle of a frame.
@@ -588,6 +602,15 @@ fn a_broken_store_is_said_and_the_defaults_are_in_force() {
     assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
     board.order(&ToBoard::ClearFault).unwrap();
     run(&mut board);
+    // However the board was reset: the numbers in force are not those of its bench, and only the fault tells.
+    let causes = [(Reset::Watchdog, ResetCause::Watchdog), (Reset::BrownOut, ResetCause::BrownOut)];
+    for (reset, cause) in causes {
+        board.machine.chip().request_reset(reset);
+        board.run_cycles(1000).unwrap();
+        board.greet().unwrap();
+        let status = board.status().unwrap();
+        assert_eq!((status.reset, status.fault), (cause, FaultCode::ParameterStore.number()));
+    }
 }
 
 #[test]

@@ -332,6 +332,30 @@ fn a_capture_armed_in_the_same_bytes_leaves_the_block_before_whole() {
 }
 
 #[test]
+fn a_reference_under_an_open_loop_goes_there_from_where_the_stage_stands() {
+    let Some(mut board) = board() else { return };
+    board.order(&ToBoard::Drive { drive_v: 40.0 }).unwrap();
+    board.order(&ToBoard::Arm).unwrap();
+    board.order(&ToBoard::Run).unwrap();
+    board.run_samples(4000).unwrap();
+    let stood_m = board.machine.chip().rows.last().expect("samples").displacement_m;
+    assert!((58e-6..59e-6).contains(&stood_m), "{stood_m}");
+    // The second move in a loop that was closed before: how far beyond its target, and beyond its start.
+    let [moved, usual] = [(53e-6, 58.2e-6), (47.8e-6, 53e-6)].map(|(to_m, from_m)| {
+        board.machine.chip().rows.clear();
+        board.order(&ToBoard::Reference { reference_m: to_m as f32 }).unwrap();
+        board.run_samples(2000).unwrap();
+        let chip = board.machine.chip();
+        let most = |beyond_m: &dyn Fn(f64) -> f64| {
+            chip.rows.iter().map(|row| beyond_m(row.displacement_m)).fold(0.0, f64::max)
+        };
+        (most(&|at_m| to_m - at_m), most(&|at_m| at_m - from_m))
+    });
+    // A code of the ADC is 0.063 um, and where in one a move begins is chance.
+    assert!(usual.0 < 3e-6 && (moved.0 - usual.0).abs() < 0.2e-6 && moved.1 < 0.07e-6, "{moved:?} {usual:?}");
+}
+
+#[test]
 fn over_the_bridge_the_law_is_the_same_and_the_dac_stays_safe() {
     let Some(mut board) = board() else { return };
     let refused = board.ask(&ToBoard::BridgeSample { index: 0, displacement: 2048, monitor: 2048 }).unwrap_err();

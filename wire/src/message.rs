@@ -27,7 +27,7 @@ pub enum ToBoard<'a> {
     GetParameters,
     /// Write the set in force to flash. Only while idle.
     SaveParameters,
-    /// Closed loop, to this reference from the next sample on, in metres.
+    /// Closed loop, to this reference from the next sample on, in metres. Where the loop ran open, it begins where the stage stands.
     Reference {
         /// Metres.
         reference_m: f32,

@@ -181,6 +181,7 @@ impl Checked {
     }
 
     /// What the amplifier puts out where its monitor's ADC delivers `code`.
+    #[inline(always)]
     pub fn monitor_v(&self, code: u16) -> f32 {
         (f32::from(code) - self.monitor_zero_code) * self.monitor_v_per_code
     }
@@ -258,7 +259,7 @@ impl Parameters {
         // is one after 20 samples (1 ms) at the latest that it is needed.
         monitor_tolerance_v: 15.0,
         monitor_samples: 20,
-        // Chosen: 8 codes of 4096 are 6.4 mV, where a broken or shorted wire ends and 130 um does not.
+        // Chosen: 8 codes of 4096 are 6.4 mV, where a broken or shorted wire ends; a stage is there from +-129.4 um on, beyond the trip.
         rail_codes: 8,
         overrun_limit: 3,
         link_timeout_s: 0.25,

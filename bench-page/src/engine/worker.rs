@@ -13,7 +13,7 @@ use crate::history::{CHANNELS, Column};
 use crate::recorder::Recorder;
 use control_core::{FaultCode, Generator, GeneratorState, ModeName, Segment};
 use hil_bridge::link::Link;
-use hil_bridge::lockstep::{LockstepError, Ready, Row, prepare, sample};
+use hil_bridge::lockstep::{LockstepError, Ready, Row, idle, prepare, put_back, sample};
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::{Session, SessionError};
 use hil_bridge::statistics::Histogram;
@@ -44,6 +44,8 @@ type Answer = oneshot::Sender<Result<String, String>>;
 /// A board that answers, and the bench that it drives.
 struct Line {
     session: Conversation,
+    /// What it was set to before a controller's set was put over it.
+    own: Parameters,
     ready: Ready,
     bench: Bench,
     last: Row,
@@ -97,6 +99,8 @@ struct Worker<'a> {
     line: Option<Line>,
     /// Why there is no line.
     lost: Option<String>,
+    /// Of a board that was lost: its own set, and the one that it was left with.
+    left: Option<[Parameters; 2]>,
     twin: Twin,
     play: Play,
     hosted: Option<Hosted>,
@@ -150,9 +154,14 @@ impl<'a> Worker<'a> {
         shared: &'a Arc<Shared>,
         orders: &'a mpsc::Receiver<Order>,
     ) -> Result<Worker<'a>, StartError> {
-        let line = connect(&setting, setting.clear_fault)?;
+        let mut line = connect(&setting, setting.clear_fault, None)?;
         let twin = Twin::new(&setting.plant.model, setting.rate_hz, line.ready.latency_s);
-        let warning = judge(&twin.chain, &setting.controller.1, line.ready.latency_s)?.map_err(StartError::Unstable)?;
+        let judged = judge(&twin.chain, &setting.controller.1, line.ready.latency_s);
+        if !matches!(judged, Ok(Ok(_))) {
+            // The refusal is what there is to tell.
+            let _ = put_back(&mut line.session, line.own, line.ready.parameters.rate_hz);
+        }
+        let warning = judged?.map_err(StartError::Unstable)?;
         let now = Instant::now();
         let mut worker = Worker {
             setting,
@@ -160,6 +169,7 @@ impl<'a> Worker<'a> {
             orders,
             line: Some(line),
             lost: None,
+            left: None,
             twin,
             play: Play { text: "zero".to_owned(), waveform: Waveform::default(), is_closed_loop: true },
             hosted: None,
@@ -399,6 +409,7 @@ impl<'a> Worker<'a> {
     /// Gives a board up that can't be spoken to. It ramps down by itself when it misses us.
     fn lose(&mut self, error: &SessionError) {
         let Some(line) = self.line.take() else { return };
+        self.left = Some([line.own, line.ready.parameters]);
         self.hosted = None;
         self.lost = Some(error.to_string());
         if let Some(mut recorder) = self.recorder.take() {
@@ -409,23 +420,40 @@ impl<'a> Worker<'a> {
         self.event(true, error.to_string());
     }
 
-    /// The end: the board is left idle.
+    /// The end: the board is left idle, with its own limits.
     fn leave(&mut self) {
         let _ = self.end_recording(None);
         let _ = self.stop("hysteron serve has ended");
         self.settle();
         let _ = self.order(&ToBoard::Input(wire::InputSource::Analog));
+        if let Some(line) = &mut self.line
+            && let Err(error) = put_back(&mut line.session, line.own, line.ready.parameters.rate_hz)
+        {
+            self.event(true, format!("the board keeps the page's limits until it is reset or set anew: {error}"));
+        }
     }
 }
 
-/// Opens the link and prepares the board; the bench at its start.
-fn connect(setting: &Setting, clear_fault: bool) -> Result<Line, BoardError> {
+/// Opens the link and prepares the board; the bench at its start. One that comes back as it was `left` has its own set still to come.
+fn connect(setting: &Setting, clear_fault: bool, left: Option<[Parameters; 2]>) -> Result<Line, BoardError> {
     let link = (setting.open)().map_err(SessionError::from)?;
     let mut session = Session::new(link).with_patience(setting.patience);
-    let ready = prepare::<_, RunError>(&mut session, &setting.controller.1, &Waveform::default(), clear_fault)?;
+    // Idle first: of a board that does something else nothing is changed, and nothing put back.
+    idle::<_, RunError>(&mut session, clear_fault)?;
+    let found = session.parameters()?;
+    let own = left.filter(|[_, last]| *last == found).map_or(found, |[own, _]| own);
+    let prepared = prepare::<_, RunError>(&mut session, &setting.controller.1, &Waveform::default(), false)
+        .and_then(|ready| Ok((ready, session.status()?)));
+    let (ready, account) = match prepared {
+        Ok(prepared) => prepared,
+        Err(error) => {
+            // Why it can't be prepared matters more than that this can't be done either.
+            let _ = put_back(&mut session, own, setting.rate_hz as f32);
+            return Err(error);
+        }
+    };
     let bench = bench(setting, ready.latency_s, setting.seed);
-    let account = session.status()?;
-    Ok(Line { session, ready, bench, last: Row::BEFORE, mode: account.mode, account })
+    Ok(Line { session, own, ready, bench, last: Row::BEFORE, mode: account.mode, account })
 }
 
 fn bench(setting: &Setting, latency_s: f64, seed: u64) -> Bench {

@@ -41,6 +41,19 @@ pub fn start(open: Open) -> Bench {
 }
 
 pub fn start_with(model: &str, open: Open) -> Bench {
+    let setting = setting(model, open);
+    let runs = setting.runs.clone();
+    let server = Server::bind("127.0.0.1:0".parse().expect("an address")).expect("a free port");
+    let address = server.address();
+    let (host, token) = address.strip_prefix("http://").and_then(|rest| rest.split_once("/#token=")).expect("both");
+    let bench = Bench { host: host.to_owned(), token: token.to_owned(), runs };
+    let engine = Engine::start(setting).expect("a board in process");
+    std::thread::spawn(move || server.serve(engine));
+    bench
+}
+
+/// PI 1 on a board in process, in a folder of its own.
+pub fn setting(model: &str, open: Open) -> Setting {
     static BENCHES: AtomicUsize = AtomicUsize::new(0);
     let number = BENCHES.fetch_add(1, Ordering::Relaxed);
     let runs = std::env::temp_dir().join(format!("hysteron-socket-{}-{number}", std::process::id()));
@@ -52,7 +65,7 @@ pub fn start_with(model: &str, open: Open) -> Bench {
         model: Model::read(&path).expect("ours"),
     };
     let settings: Settings = Controller::read(&file("controllers/pi1.toml")).expect("ours").settings(20e3);
-    let setting = Setting {
+    Setting {
         place: Place::InProcess,
         open,
         patience: None,
@@ -62,15 +75,8 @@ pub fn start_with(model: &str, open: Open) -> Bench {
         plant,
         bench: None,
         controller: ("pi1.toml".into(), settings),
-        runs: runs.clone(),
-    };
-    let server = Server::bind("127.0.0.1:0".parse().expect("an address")).expect("a free port");
-    let address = server.address();
-    let (host, token) = address.strip_prefix("http://").and_then(|rest| rest.split_once("/#token=")).expect("both");
-    let bench = Bench { host: host.to_owned(), token: token.to_owned(), runs };
-    let engine = Engine::start(setting).expect("a board in process");
-    std::thread::spawn(move || server.serve(engine));
-    bench
+        runs,
+    }
 }
 
 pub fn in_process() -> Bench {

@@ -316,10 +316,10 @@ impl Worker<'_> {
         if self.line.is_some() {
             return Err("the board is there".to_owned());
         }
-        let line = match connect(&self.setting, false) {
+        let line = match connect(&self.setting, false, self.left) {
             // What a board makes of a lost host is no news to whoever asks it back.
             Err(LockstepError::InFault { fault, .. }) if fault == FaultCode::LinkLoss.word().replace('_', " ") => {
-                connect(&self.setting, true)
+                connect(&self.setting, true, self.left)
             }
             connected => connected,
         };
