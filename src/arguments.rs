@@ -182,7 +182,7 @@ A SPEC is one of these, its amplitude in um (reference) or V (command):
   ladder:60V/8,hold=2s  file:PATH[,unit=V]
   multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
 or several of them joined by + into a sequence.
-`,for=2s` limits a part, `,shaped` bounds its rate and acceleration.")]
+`,for=2s` limits a part (but a sweep, a decaying-sine, a ladder), `,shaped` bounds its rate and acceleration.")]
 pub struct SimulateCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
@@ -260,7 +260,7 @@ pub struct IdentifyCall {
     /// Fit every kind and rank them by what was never fitted: --held-out logs, or the last 30 % of each log; --out gets the best
     #[arg(long, conflicts_with_all = ["model", "hysterons"])]
     pub compare: bool,
-    /// With --compare: logs that are never fitted
+    /// With --compare: logs that are never fitted; their first 30 % tells how they start, and the rest ranks
     #[arg(long, value_name = "LOG", num_args = 1.., requires = "compare")]
     pub held_out: Vec<PathBuf>,
     /// Poles and zeros of a transfer function, such as 4,3; where not given, the order that the logs call for

@@ -145,8 +145,17 @@ fn killed_or_in_parts_a_run_gives_the_same_score() {
     let output = check(&folder, "--merge @/part1 --out @/merged");
     assert_eq!(output.status.code(), Some(3));
     assert!(stderr(&output).contains("5 of 10 cases are in no part"), "{}", stderr(&output));
+    // What knows the labels waits until all parts are answered.
+    for flag in ["--leave-one-out", "--active"] {
+        let output = check(&folder, &format!("{order} --shard 1/2 --out @/early {flag}"));
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("with --merge, not with --shard"), "{}", stderr(&output));
+        assert!(!folder.path("early").exists());
+    }
     succeeded(&check(&folder, "--merge @/part1 @/part2 --out @/merged"));
     assert_eq!(folder.read("merged/score.json"), whole);
+    succeeded(&check(&folder, "--merge @/part1 @/part2 --out @/merged --leave-one-out"));
+    assert_eq!(score(&folder, "merged")["left_out"]["made"], score(&folder, "merged")["cases"]["singles"]);
 
     // A directory belongs to one order.
     let output = check(&folder, "--quick --first 10 --seed 4 --out @/merged");
@@ -162,7 +171,7 @@ fn verify_finds_what_was_changed() {
     let output = verify();
     succeeded(&output);
     let said = stdout(&output);
-    assert!(said.ends_with("everything agrees\n") && said.matches(": yes\n").count() == 5, "{said}");
+    assert!(said.ends_with("everything agrees\n") && said.matches(": yes\n").count() == 6, "{said}");
 
     let refused = |file: &str, change: &dyn Fn(&str) -> String, question: &str| {
         let before = folder.read(file);
@@ -196,6 +205,111 @@ fn verify_finds_what_was_changed() {
         "the truths follow from the labels",
     );
     succeeded(&verify());
+}
+
+#[test]
+fn one_program_gives_all_answers() {
+    let folder = folder("blind-program");
+    let order = "--quick --first 6 --seed 3";
+    let exchange = |text: String| {
+        folder.write("stub", text);
+        fs::set_permissions(folder.path("stub"), fs::Permissions::from_mode(0o755)).expect("a mode");
+    };
+    let refused = |line: &str, code: i32, why: &str| {
+        let output = check(&folder, line);
+        assert_eq!(output.status.code(), Some(code), "{line}");
+        assert!(stderr(&output).contains(why) && stderr(&output).trim().lines().count() == 1, "{}", stderr(&output));
+    };
+    for part in ["1/2", "2/2"] {
+        succeeded(&check(&folder, &format!("{order} --shard {part} --out @/part{}", &part[..1])));
+    }
+    // Half of a run, as a killed one leaves it.
+    let half = format!("{order} --out @/half");
+    succeeded(&check(&folder, &half));
+    for path in &done(&folder.path("half"))[3..] {
+        fs::remove_file(path).expect("there");
+    }
+    fs::remove_file(folder.path("half/score.json")).expect("there");
+
+    exchange(format!("{STUB}# another\n"));
+    refused(&half, 2, "its answers are of another program");
+    assert_eq!(done(&folder.path("half")).len(), 3);
+    succeeded(&check(&folder, &format!("{order} --shard 2/2 --out @/other2")));
+    refused("--merge @/part1 @/other2 --out @/mixed", 3, "was answered by another program");
+    assert!(!folder.path("mixed/cases").exists());
+    // So are second answers.
+    refused("--merge @/part1 @/part2 --out @/merged --leave-one-out", 2, "its answers are of another program");
+    // What is answered by nobody yet may be begun again.
+    fs::create_dir_all(folder.path("fresh")).expect("a folder");
+    fs::copy(folder.path("half/program.txt"), folder.path("fresh/program.txt")).expect("a file");
+    succeeded(&check(&folder, &format!("{order} --out @/fresh")));
+
+    // A run that hides its program, as one of before: it is read, goes on, and --verify says what is not known, or that it was not one.
+    let verified = |name: &str| stdout(&check(&folder, &format!("--verify @/{name}")));
+    assert!(verified("fresh").contains("one program gave all answers: yes\n"));
+    fs::remove_file(folder.path("half/program.txt")).expect("there");
+    let output = check(&folder, &half);
+    succeeded(&output);
+    assert!(
+        stderr(&output).contains("which program gave the answers that are there is not known"),
+        "{}",
+        stderr(&output)
+    );
+    assert!(!folder.path("half/program.txt").exists());
+    assert!(verified("half").contains("one program gave all answers: NO\n"));
+    for path in done(&folder.path("half")) {
+        let mut ran: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(&path).expect("a file")).expect("JSON");
+        ran.as_object_mut().expect("an object").remove("program_sha256");
+        fs::write(&path, ran.to_string()).expect("written");
+    }
+    let said = verified("half");
+    assert!(said.contains("one program gave all answers: which") && said.ends_with("everything agrees\n"), "{said}");
+    fs::remove_file(folder.path("part2/program.txt")).expect("there");
+    let output = check(&folder, "--merge @/part1 @/part2 --out @/read");
+    succeeded(&output);
+    assert!(stderr(&output).contains("is not known") && !folder.path("read/program.txt").exists());
+}
+
+#[test]
+fn a_program_exchanged_under_the_run_ends_it() {
+    let folder = folder("blind-exchange");
+    // It puts another one in its own place.
+    let text = STUB.replacen("mkdir \"$out\"", "echo '# another' >> \"$0\"\nmkdir \"$out\"", 1);
+    folder.write("stub", text);
+    fs::set_permissions(folder.path("stub"), fs::Permissions::from_mode(0o755)).expect("a mode");
+    let output = check(&folder, "--quick --first 6 --seed 3 --jobs 1 --out @/out");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("was exchanged under the run"), "{}", stderr(&output));
+    assert!(!folder.path("out/score.json").exists());
+}
+
+#[test]
+fn second_diagnoses_count_when_they_are_done() {
+    let folder = folder("blind-second");
+    let call = "--quick --first 10 --seed 1 --out @/out";
+    succeeded(&check(&folder, &format!("{call} --leave-one-out --active")));
+    let before = score(&folder, "out");
+    let (made, experiments) = (before["left_out"]["made"].as_u64(), before["active"]["made"].as_u64());
+    assert_eq!(made, before["cases"]["singles"].as_u64());
+    assert!(made.is_some_and(|made| made > 1) && experiments.is_some_and(|made| made > 0), "{before}");
+    // One of each as a killed run leaves it: a folder with logs and no answer.
+    for kind in ["left-out", "active"] {
+        let entries = fs::read_dir(folder.path(&format!("out/{kind}"))).expect("a folder");
+        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("an entry").path()).collect();
+        paths.sort();
+        fs::remove_file(paths[0].join("run.json")).expect("there");
+    }
+    let output = check(&folder, call);
+    succeeded(&output);
+    let after = score(&folder, "out");
+    let less = |count: Option<u64>| count.map(|count| count - 1);
+    assert_eq!((after["left_out"]["made"].as_u64(), after["left_out"]["of"].as_u64()), (less(made), made));
+    assert_eq!(after["left_out"]["defects"], 0);
+    assert_eq!((after["active"]["made"].as_u64(), &after["active"]["failed"]), (less(experiments), &0.into()));
+    assert_eq!(after["active"]["open"], 1);
+    let said = stderr(&output);
+    assert!(said.contains("were diagnosed without it") && said.contains("1 proposed experiments are still"), "{said}");
 }
 
 #[test]

@@ -30,6 +30,12 @@ fn a_design_runs_as_it_says_and_its_inverse_follows_better() {
     assert!(errors[1] < 0.1 * errors[0], "{errors:?}");
 }
 
+/// A plant whose stage stands 30 um.
+fn small(plant: &str) -> String {
+    let line = plant.lines().find(|line| line.starts_with("displacement_max_um")).expect("a rig");
+    plant.replace(line, "displacement_max_um = { value = 30.0 }")
+}
+
 #[test]
 fn limits_of_another_stage_are_told() {
     let folder = Folder::new("design-no-rig");
@@ -38,6 +44,15 @@ fn limits_of_another_stage_are_told() {
     let said = |plant: &str| succeeded(&run(&folder, &format!("design --plant {plant} {WISH} --out @/own.toml")));
     assert!(said("@/plant.toml").contains("--plant has no [rig]: the limits are those of the thesis' bender"));
     assert!(!said(PLANT).contains("[rig]"));
+    let text = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    folder.write("small.toml", small(&text));
+    let output = run(&folder, &format!("design --plant @/small.toml {WISH} --out @/small-own.toml"));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        stderr(&output).contains("--step-um 80 lies beyond the clamp of the reference, 25.0 um"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]

@@ -66,11 +66,10 @@ fn every_number_of_the_loops_comes_out() {
     let entries = chapter("Closed loops");
     // 6 loops of 3 step figures and 4 sines of 3 figures.
     assert_eq!(entries.len(), 90);
-    // Gain and phase: 0.002 and 0.1 degree; the rest the larger of 1 % and half a unit of the last digit.
+    // Gains: 0.002; the rest the larger of 1 % and half a unit of the last digit.
     let of_bound = |entry: &Entry| {
         let allowed = match entry.unit {
             "" => 0.002,
-            "deg" => 0.1,
             _ => half_digit(&entry.printed).max(0.01 * value(&entry.printed).abs()),
         };
         (entry.ours - value(&entry.printed)).abs() / (allowed * (1.0 + 1e-9))

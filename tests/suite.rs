@@ -11,4 +11,5 @@ mod effects;
 mod export;
 mod memory;
 mod reference;
+mod replay;
 mod support;

@@ -28,11 +28,11 @@ export class Bench extends EventTarget {
     this.token = token;
     this.asked = new Map();
     this.next = 1;
-    this.isRefused = false;
     this.open();
   }
 
   open() {
+    this.refused = null;
     this.socket = new WebSocket(`ws://${location.host}/socket`);
     this.socket.binaryType = 'arraybuffer';
     this.socket.onopen = () => this.socket.send(JSON.stringify({ token: this.token }));
@@ -40,9 +40,9 @@ export class Bench extends EventTarget {
     this.socket.onclose = () => {
       for (const { reject } of this.asked.values()) reject(new Error('the connection is lost'));
       this.asked.clear();
-      this.tell('closed', this.isRefused);
-      // A stale token stays stale; everything else may come back.
-      if (!this.isRefused) setTimeout(() => this.open(), 1000);
+      this.tell('closed', Boolean(this.refused));
+      // A stale token stays stale; everything else may come back, and a page be closed where there were too many.
+      if (!this.refused?.is_final) setTimeout(() => this.open(), 1000);
     };
   }
 
@@ -56,7 +56,7 @@ export class Bench extends EventTarget {
       if (!asked) return undefined;
       return message.ok ? asked.resolve(message) : asked.reject(new Error(message.text));
     }
-    if (message.kind === 'refused') this.isRefused = true;
+    if (message.kind === 'refused') this.refused = message;
     return this.tell(message.kind, message);
   }
 

@@ -13,6 +13,7 @@ const SPANS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5];
 function note(text, isBad) {
   if (!text) return;
   el('message').textContent = text;
+  el('message').title = text;
   el('message').classList.toggle('bad', isBad);
 }
 
@@ -58,7 +59,8 @@ function want() {
   bench.say('want', { span: Math.round(Number(el('span').value) * scope.rate), spectrum: el('spectrum-on').checked });
 }
 el('span').addEventListener('change', want);
-el('spectrum-on').addEventListener('change', want);
+// A spectrum of before is none of now.
+el('spectrum-on').addEventListener('change', () => { lines = null; isSpectrumNew = true; want(); });
 
 bench.addEventListener('hello', ({ detail: hello }) => {
   banner('');
@@ -68,10 +70,16 @@ bench.addEventListener('hello', ({ detail: hello }) => {
   runs.begin(hello);
   want();
 });
-bench.addEventListener('refused', ({ detail }) => { banner(`Refused: ${detail.reason}`); el('board').textContent = 'not connected'; });
+bench.addEventListener('refused', ({ detail }) => {
+  banner(`Refused: ${detail.reason}${detail.is_final ? '' : '. Trying again ...'}`);
+  el('board').textContent = 'not connected';
+});
+// What a page shows that hears nothing: no value of before as if it were one of now.
+const SILENT = { mode: 'no board', limits: [] };
 bench.addEventListener('closed', ({ detail: isRefused }) => {
   own = { control: 'none' };
-  show({ ...status, mode: 'no board' });
+  for (const panel of [drive, diagnosis]) panel.status(SILENT);
+  show(SILENT);
   if (!isRefused) banner('The connection to the bench is lost. If this page held control, the drive ramps to 0 V. Trying again ...');
 });
 bench.addEventListener('frame', ({ detail: frame }) => {
@@ -129,6 +137,9 @@ function show(now) {
   el('clear').disabled = !isMine || mode !== 'fault';
   if (now?.lost) banner(`The board is lost: ${now.lost}`);
   else if (el('banner').textContent.startsWith('The board is lost')) banner('');
+  el('now-reference').textContent = digits(now?.now?.reference_um);
+  el('now-displacement').textContent = digits(now?.now?.displacement_um);
+  el('now-drive').textContent = digits(now?.now?.drive_v);
   el('now-gap').textContent = digits(now?.gap_rms_um);
   const speed = now?.speed;
   el('speed').textContent = now?.resting ? 'idle' : speed ? `runs at ${speed >= 0.995 && speed <= 1.005 ? '1' : speed.toPrecision(2)} x real time, ${now.time_s?.toFixed(now.time_s < 10 ? 3 : 1)} s simulated` : '';
@@ -156,6 +167,12 @@ window.addEventListener('keydown', (event) => {
   press.stop();
   if (event.key === ' ') { event.preventDefault(); event.stopPropagation(); }
 }, { capture: true });
+// Space being a stop, Enter ticks a box.
+window.addEventListener('keydown', (event) => {
+  if (event.key !== 'Enter' || event.repeat || event.target.type !== 'checkbox') return;
+  event.preventDefault();
+  event.target.click();
+});
 // A button that has the focus is clicked as Space comes up.
 window.addEventListener('keyup', (event) => {
   if (event.key === ' ' && !isText(event.target)) { event.preventDefault(); event.stopPropagation(); }
@@ -210,11 +227,8 @@ el('export').addEventListener('click', () => {
 let [size, pointsDrawn] = ['', null];
 function picture() {
   scope.draw();
-  const now = scope.now();
-  el('now-reference').textContent = digits(now(0));
-  el('now-displacement').textContent = digits(now(1));
-  el('now-drive').textContent = digits(now(5));
-  const newSize = `${innerWidth}x${innerHeight}`;
+  // A long message takes its lines from the plots, so the window's size does not tell theirs.
+  const newSize = ['loop', 'spectrum'].map((id) => `${el(id).clientWidth}x${el(id).clientHeight}`).join();
   if (points !== pointsDrawn || newSize !== size) { drawLoop(el('loop'), points); pointsDrawn = points; }
   if (isSpectrumNew || newSize !== size) { drawSpectrum(el('spectrum'), el('spectrum-on').checked ? lines : null); isSpectrumNew = false; }
   size = newSize;

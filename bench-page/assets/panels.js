@@ -83,10 +83,12 @@ export class Drive {
 
   state(state) {
     el('playing').textContent = `in use: ${state.play.text}${state.play.is_hosted ? ', told by this host' : ''}`;
-    const last = state.events.at(-1);
-    if (last && last.number > this.lastEvent) {
-      this.lastEvent = last.number;
-      this.ui.note(last.text, last.is_warning);
+    // A warning is not covered by what comes with it; a page that has just come needs none of an hour ago.
+    const fresh = this.lastEvent ? state.events.filter((event) => event.number > this.lastEvent) : state.events.slice(-1);
+    const shown = fresh.findLast((event) => event.is_warning) ?? fresh.at(-1);
+    if (shown) {
+      this.lastEvent = fresh.at(-1).number;
+      this.ui.note(shown.text, shown.is_warning);
     }
     el('events').replaceChildren(...state.events.slice(-40).reverse().map((event) => {
       const line = make('li', undefined, event.is_warning ? 'warning' : '');
@@ -143,6 +145,8 @@ export class Tree {
     const before = this.values;
     this.values = state.parameters ?? {};
     for (const [key, input] of this.inputs) {
+      // Emptied to type another number.
+      if (input.value === '' && input === document.activeElement) continue;
       if (input.value === '' || Number(input.value) === before[key]) input.value = this.values[key] ?? '';
     }
     el('undo').disabled = !state.undo;

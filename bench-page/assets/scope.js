@@ -61,6 +61,7 @@ export class Scope {
     this.view = null; // samples [from, to] where paused
     this.mark = NaN;
     this.waiting = 0;
+    this.again = false;
     this.cursors = null;
     this.trigger = null;
     this.held = null;
@@ -77,8 +78,12 @@ export class Scope {
       if (this.ui.channel.options.length < hello.channels.length) this.ui.channel.add(new Option(channel.key === 'model' ? 'prediction' : channel.key, k));
     }
     this.ui.channel.value = this.ui.channel.value || CHANNEL.reference;
+    // A new socket is a new watch at the server, which knows no window of ours; what the old one was asked stays unanswered.
+    this.waiting = 0;
+    this.again = false;
+    this.live = new Store(0);
     this.setWindow(this.window);
-    if (this.trigger) this.arm(this.trigger.repeat);
+    if (this.view) this.fetch();
   }
 
   /** Columns a picture is wide: not more than pixels, because each column is drawn with its least and greatest. */
@@ -95,13 +100,13 @@ export class Scope {
     this.ui.window.value = WINDOWS.reduce((a, b) => (Math.abs(Math.log(b / seconds)) < Math.abs(Math.log(a / seconds)) ? b : a));
     const samples = seconds * this.rate;
     const length = this.lengthFor(samples);
-    if (length !== this.live.length || this.end === 0) {
+    if (length !== this.live.length) {
       this.live = new Store(length);
       this.bench.say('view', { length });
     }
     const first = Math.max(0, this.end - Math.ceil(samples * 1.1));
     this.bench.say('past', { first, length, count: KEPT - 64 });
-    if (this.trigger) this.arm(this.trigger.repeat);
+    this.armAgain();
   }
 
   take(frame) {
@@ -145,6 +150,8 @@ export class Scope {
     this.still = null;
     this.mark = NaN;
     if (this.trigger) this.disarm();
+    // The window may be another one since.
+    this.setWindow(this.window);
     this.show();
   }
 
@@ -185,6 +192,11 @@ export class Scope {
     this.trigger = trigger;
     this.bench.ask('trigger', { trigger }).catch((error) => this.ui.complain(error.message));
     this.show();
+  }
+
+  /** An armed trigger waits for what the page shows. */
+  armAgain() {
+    if (this.trigger) this.arm(this.trigger.repeat);
   }
 
   disarm() {
@@ -246,6 +258,7 @@ export class Scope {
     ui.hold.addEventListener('click', () => this.holdScales());
     ui.single.addEventListener('click', () => (this.trigger ? this.disarm() : this.arm(false)));
     ui.repeat.addEventListener('click', () => (this.trigger?.repeat ? this.disarm() : this.arm(true)));
+    for (const field of [ui.channel, ui.edge, ui.level, ui.before]) field.addEventListener('change', () => this.armAgain());
   }
 
   goLiveFor(seconds) {
@@ -253,8 +266,10 @@ export class Scope {
       const [from, to] = this.view;
       const middle = (from + to) / 2;
       this.window = seconds;
+      this.ui.window.value = seconds;
       this.view = [middle - (seconds * this.rate) / 2, middle + (seconds * this.rate) / 2];
       this.fetch();
+      this.armAgain();
     } else {
       this.setWindow(seconds);
     }
@@ -443,14 +458,5 @@ export class Scope {
       lines.push([(sample / this.rate).toFixed(7), ...numbers.map((value) => (Number.isNaN(value) ? '' : value)), store.limits[slot]].join(','));
     });
     return `${lines.join('\n')}\n`;
-  }
-
-  /** The last values, for the readouts. */
-  now() {
-    const { live } = this;
-    const number = Math.floor(this.end / live.length) - 1;
-    const slot = number >= 0 ? number % KEPT : -1;
-    const isThere = slot >= 0 && live.stamp[slot] === number;
-    return (channel) => (isThere ? (live.least[channel][slot] + live.most[channel][slot]) / 2 : NaN);
   }
 }

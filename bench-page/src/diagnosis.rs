@@ -10,12 +10,16 @@ use plant_sim::log::{Log, ReadOptions, read};
 use plant_sim::model::Kind;
 use plant_sim::whole_file;
 use serde_json::{Value, json};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Entries of the ranking that are shown, and the least probability worth a line.
 const RANKED: usize = 6;
 const LEAST: f64 = 0.005;
+
+/// Said of a diagnosis that panicked.
+const FAULT: &str = "a fault in hysteron ended it; the terminal says where";
 
 /// What is to be diagnosed.
 pub struct Case {
@@ -25,6 +29,8 @@ pub struct Case {
     pub logs: Vec<PathBuf>,
     /// Logs to score on.
     pub held_out: Vec<PathBuf>,
+    /// Folder of the pass that made the logs.
+    pub pass: PathBuf,
     /// Directory for the files, not there yet.
     pub folder: PathBuf,
     /// Seed of the bootstrap.
@@ -46,14 +52,29 @@ pub fn begin(shared: Arc<Shared>, case: Case) -> Result<(), String> {
     shared.set_task(Some(Task { what: "reading the logs".to_owned(), share: 0.0 }));
     let worker = shared.clone();
     let begun = std::thread::Builder::new().name("diagnosis".into()).spawn(move || {
-        let found = run(&worker, &case);
-        worker.set_task(None);
-        worker.set_found(found);
+        end(&worker, || run(&worker, &case));
     });
     begun.map(|_| ()).map_err(|error| {
         shared.set_task(None);
         format!("the diagnosis can't be started: {error}")
     })
+}
+
+/// Does the work and says how it ended: also where a fit panics, or the page would wait for it for ever.
+fn end(shared: &Shared, work: impl FnOnce() -> Result<Found, String>) {
+    // Nothing of what a panic leaves behind is used again.
+    let done = catch_unwind(AssertUnwindSafe(work));
+    shared.set_task(None);
+    shared.set_found(done.unwrap_or_else(|_| Err(FAULT.to_owned())));
+}
+
+/// Where a report comes from.
+fn provenance(case: &Case) -> [String; 3] {
+    [
+        format!("hysteron serve, the experiment set in {}", case.pass.display()),
+        format!("hysteron {}", env!("CARGO_PKG_VERSION")),
+        format!("seed {}", case.seed),
+    ]
 }
 
 fn run(shared: &Shared, case: &Case) -> Result<Found, String> {
@@ -63,12 +84,7 @@ fn run(shared: &Shared, case: &Case) -> Result<Found, String> {
     let say = |what: &str, share: f64| shared.set_task(Some(Task { what: what.to_owned(), share }));
     let found = diagnose(&case.plant.model, &logs, &held_out, &options, &say).map_err(|error| error.to_string())?;
     let subtitle = format!("{}, {} logs of the bench, {} held out", case.plant.name, logs.len(), held_out.len());
-    let provenance = [
-        format!("hysteron serve, the experiment set in {}", case.folder.display()),
-        format!("hysteron {}", env!("CARGO_PKG_VERSION")),
-        format!("seed {}", case.seed),
-    ];
-    let report = found.page("Diagnosis of the bench", &subtitle, &provenance).to_html();
+    let report = found.page("Diagnosis of the bench", &subtitle, &provenance(case)).to_html();
     let path = |name: &str| case.folder.join(name);
     let unwritable = |path: &Path, error: std::io::Error| format!("{}: cannot be written: {error}", path.display());
     std::fs::create_dir_all(&case.folder).map_err(|error| unwritable(&case.folder, error))?;
@@ -126,4 +142,28 @@ pub fn summary(found: &Found) -> Value {
         "folder": found.folder.display().to_string(),
         "is_in_use": found.is_in_use,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plant_sim::model::Model;
+
+    #[test]
+    fn a_report_names_the_folder_of_its_logs() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let plant = Source { name: "thesis-phs.toml".into(), bytes: Vec::new(), model: Model::read(&path).unwrap() };
+        let (pass, folder) = ("runs/pass-2".into(), "runs/diagnosis-2".into());
+        let case = Case { plant, logs: Vec::new(), held_out: Vec::new(), pass, folder, seed: 7 };
+        let [from, _, seed] = provenance(&case);
+        assert_eq!((from.as_str(), seed.as_str()), ("hysteron serve, the experiment set in runs/pass-2", "seed 7"));
+    }
+
+    #[test]
+    fn a_diagnosis_that_panics_ends() {
+        let shared = Shared::default();
+        shared.set_task(Some(Task { what: "fitting".into(), share: 0.5 }));
+        end(&shared, || panic!("on purpose: this test looks at what is left"));
+        assert_eq!((shared.task(), shared.take_ended()), (None, Some(Err(FAULT.to_owned()))));
+    }
 }

@@ -19,6 +19,8 @@ pub struct Subject<'a> {
     pub place: &'a Place,
     /// The board and its parameters.
     pub ready: &'a Ready,
+    /// Name and content of the flash image, if it is a file here.
+    pub image: Option<(&'a str, &'a [u8])>,
     /// Name and content of the plant's file.
     pub plant: (&'a str, &'a [u8]),
     /// The SPEC that plays as the recording begins.
@@ -56,7 +58,7 @@ impl Recorder {
         let facts = Facts {
             place: subject.place,
             ready,
-            image: None,
+            image: subject.image,
             plant: subject.plant,
             controller: ("controller.toml", controller.as_bytes()),
             reference: subject.spec,

@@ -118,7 +118,8 @@ pub fn compare(folder: &Path, names: &[String]) -> Result<Vec<Compared>, String>
 }
 
 fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
-    let is_plain = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
+    // Folders have any name; what leads out of this one does not: a root, a drive, and what is nothing or dots alone (on Windows with blanks behind).
+    let is_plain = |part: &str| !part.trim_end_matches(['.', ' ']).is_empty() && !part.contains(['\\', ':']);
     if !name.split('/').all(is_plain) {
         return Err(format!("{name:?}: no run of this folder"));
     }
@@ -163,12 +164,28 @@ mod tests {
 
     #[test]
     fn a_name_leads_nowhere_but_into_the_folder() {
-        for name in ["", "..", "../x", "/etc", "a//b", "a/../b", "a\\b", "a/."] {
+        for name in ["", "..", "../x", "/etc", "a//b", "a/../b", "a\\b", "a/.", "C:", "a/.. ", "..."] {
             let error = compare(Path::new("/nowhere"), &[name.to_owned()]).unwrap_err();
             assert!(error.contains("no run of this folder"), "{name}: {error}");
         }
         assert!(compare(Path::new("/nowhere"), &[]).is_err());
         assert!(compare(Path::new("/nowhere"), &vec!["a".to_owned(); 5]).is_err());
+    }
+
+    #[test]
+    fn whatever_is_listed_is_compared() {
+        let folder = std::env::temp_dir().join(format!("hysteron-runs-{}", std::process::id()));
+        let rows: String = (0..20).map(|k| format!("{:.3},{k},{}\n", f64::from(k) * 1e-3, 2 * k)).collect();
+        for name in ["step.80", "my run", "pass 1/Kp=0.5"] {
+            let path = folder.join(name);
+            fs::create_dir_all(&path).unwrap();
+            fs::write(path.join("run.json"), "{}").unwrap();
+            fs::write(path.join("log.csv"), format!("time_s,command_V,displacement_um\n{rows}")).unwrap();
+        }
+        let names: Vec<String> = list(&folder).into_iter().map(|run| run.name).collect();
+        let compared = compare(&folder, &names).map(|runs| runs.len());
+        fs::remove_dir_all(&folder).unwrap();
+        assert_eq!((names.len(), compared), (3, Ok(3)));
     }
 
     #[test]

@@ -264,8 +264,8 @@ impl Drop for Present {
 
 /// One page, from its token to its end.
 async fn page(mut socket: WebSocket, served: Arc<Served>) {
-    if let Err(reason) = greet(&mut socket, &served).await {
-        let refused = json!({ "kind": "refused", "reason": reason }).to_string();
+    if let Err(Refused { reason, is_final }) = greet(&mut socket, &served).await {
+        let refused = json!({ "kind": "refused", "reason": reason, "is_final": is_final }).to_string();
         // Nobody is left to be told where this fails.
         let _ = socket.send(Message::Text(refused.into())).await;
         let _ = socket.send(Message::Close(None)).await;
@@ -293,15 +293,26 @@ async fn page(mut socket: WebSocket, served: Arc<Served>) {
     }
 }
 
+/// Why a page is not let in.
+struct Refused {
+    reason: String,
+    /// Asking again is no use: a stale token stays stale.
+    is_final: bool,
+}
+
 /// The token, in time.
-async fn greet(socket: &mut WebSocket, served: &Served) -> Result<(), String> {
-    let first = timeout(TOKEN_TIME, socket.recv()).await.map_err(|_| "no token came".to_owned())?;
-    let Some(Ok(Message::Text(text))) = first else { return Err("the first message must be the token".to_owned()) };
+async fn greet(socket: &mut WebSocket, served: &Served) -> Result<(), Refused> {
+    let for_now = |reason: String| Refused { reason, is_final: false };
+    let first = timeout(TOKEN_TIME, socket.recv()).await.map_err(|_| for_now("no token came".to_owned()))?;
+    let Some(Ok(Message::Text(text))) = first else {
+        return Err(for_now("the first message must be the token".to_owned()));
+    };
     let value: Value = serde_json::from_str(&text).unwrap_or_default();
     let offered = value["token"].as_str().unwrap_or_default();
-    served.gate.check_token(offered).map_err(|refusal| refusal.to_string())?;
+    let checked = served.gate.check_token(offered);
+    checked.map_err(|refusal| Refused { reason: refusal.to_string(), is_final: true })?;
     if served.engine.shared.watchers.load(Ordering::Relaxed) >= MOST_PAGES {
-        return Err(format!("{MOST_PAGES} pages are open: close one"));
+        return Err(for_now(format!("{MOST_PAGES} pages are open: close one")));
     }
     let channel = |(key, words, unit): &(&str, &str, &str)| json!({ "key": key, "words": words, "unit": unit });
     let hello = json!({
@@ -314,7 +325,7 @@ async fn greet(socket: &mut WebSocket, served: &Served) -> Result<(), String> {
         "runs": served.engine.runs.display().to_string(),
         "time_samples": served.engine.shared.history().end(),
     });
-    socket.send(Message::Text(hello.to_string().into())).await.map_err(|error| error.to_string())
+    socket.send(Message::Text(hello.to_string().into())).await.map_err(|error| for_now(error.to_string()))
 }
 
 /// An answer that is there later.

@@ -159,7 +159,8 @@ impl Watch {
         let columns = history.columns(first, length, (samples / length) as usize);
         let bytes = frame(Kind::Capture, 0, first, length, at as f64, &columns);
         if trigger.repeat {
-            (*scanned, *found) = (at + trigger.after, None);
+            // From now on, not from where this one ended: one capture a frame would fall ever further behind a fast signal.
+            (*scanned, *found) = (end, None);
         } else {
             self.trigger = None;
         }
@@ -328,6 +329,29 @@ mod tests {
         ] {
             assert!(watch.set_trigger(Some(wrong), &history).is_err());
         }
+    }
+
+    /// A capture a frame is all that a page gets: a signal that comes through the level more often must not be a queue.
+    #[test]
+    fn a_repeated_capture_is_no_older_than_a_frame_and_its_window() {
+        let mut history = History::default();
+        let mut watch = Watch::new(&history);
+        let trigger = Trigger { channel: 1, level: 49.5, rising: true, before: 30, after: 40, repeat: true };
+        watch.set_trigger(Some(trigger), &history).unwrap();
+        // A saw of 100 samples, six of them in a frame at 20 kHz.
+        let frame = 20_000 / u64::from(FRAMES);
+        let mut captures = 0;
+        for _ in 0..90 {
+            let from = history.end();
+            (from..from + frame).for_each(|k| history.push(&Column::of([(k % 100) as f32; CHANNELS], 0)));
+            let Some(bytes) = watch.capture(&history) else { continue };
+            let (_, _, first, _, mark) = header(&bytes);
+            captures += 1;
+            assert_eq!(mark % 100.0, 50.0);
+            let age = history.end() as f64 - first;
+            assert!(age <= (frame + trigger.before + trigger.after) as f64, "capture {captures}: {age}");
+        }
+        assert_eq!(captures, 90, "each frame has one");
     }
 
     #[test]

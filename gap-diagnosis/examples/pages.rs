@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use gap_diagnosis::page::{
-    FittedLog, FittedParameter, IdentifyView, ReplayView, SimulationView, SpectrumView, StartView, identify_page,
+    FittedLog, FittedParameter, IdentifyView, Kept, ReplayView, SimulationView, SpectrumView, StartView, identify_page,
     replay_page, simulation_page,
 };
 
@@ -69,6 +69,7 @@ fn main() -> std::io::Result<()> {
         subtitle: "models/fitted.toml driven with the logged command, open loop",
         headline: "The model reproduces 97 % of the log; what is left follows the command and is not noise.",
         time_s: &time_s,
+        kept: Kept::all(time_s.len()),
         command_v: &command_v,
         measured_um: &measured_um,
         predicted_um: &predicted_um,

@@ -66,10 +66,14 @@ pub fn samples_per_independent(residual: &[f64]) -> f64 {
     1.0 + 2.0 * sum
 }
 
-/// Akaike's and the Bayesian criterion of a fit with so many `coordinates` that leaves `rms_m` in `samples` independent samples; less is better.
-pub(crate) fn aic_bic(samples: f64, rms_m: f64, coordinates: usize) -> [f64; 2] {
+/// Akaike's and the Bayesian criterion of a fit with so many `coordinates` that leaves of each log the second in the first independent samples;
+/// less is better. Each log counts in units of what it leaves itself: pooled, the worst would drown the others.
+pub(crate) fn aic_bic(samples_and_rms_m: &[[f64; 2]], coordinates: usize) -> [f64; 2] {
     let count = coordinates as f64;
-    [2.0 * count, count * samples.ln()].map(|penalty| samples * 2.0 * rms_m.ln() + penalty)
+    let samples: f64 = samples_and_rms_m.iter().map(|[samples, _]| samples).sum();
+    let left: f64 = samples_and_rms_m.iter().map(|[samples, rms_m]| samples * 2.0 * rms_m.ln()).sum();
+    // Correlation may leave less than one sample, and more coordinates are not rewarded.
+    [2.0 * count, count * samples.max(2.0).ln()].map(|penalty| left + penalty)
 }
 
 /// Rms of the white noise in `signal`, from its differences.

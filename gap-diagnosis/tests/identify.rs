@@ -104,12 +104,17 @@ fn a_dead_zone_that_never_opens_is_said_to_be_unseen() {
     let truth = thesis();
     // 60 V, 100 Hz: hysteron 1 reaches 7.15 V and its dead zone opens at 7.26 V.
     let log = made_log(&truth, "sine:60V@100Hz,for=1s", NOISE_M, 5);
-    let fit = fit(&log, From::Plant(Box::new(off(&truth, 0.02, 1))), 1).expect("fits");
     let start = off(&truth, 0.02, 1);
+    let fit = fit(&log, From::Plant(Box::new(start.clone())), 1).expect("fits");
     let slope = fit.parameters.iter().find(|p| p.name == "slope1_S").expect("listed");
     assert_eq!(slope.verdict, Verdict::Unseen, "{}", slope.note);
     assert!(slope.note.contains("can't see"), "{}", slope.note);
-    assert_eq!(slope.value, start.actuator.hysterons[0].slope_s.value, "kept at its prior, not invented");
+    let stated = &start.actuator.hysterons[0].slope_s;
+    assert_eq!(slope.value, stated.value, "kept at its prior, not invented");
+    // And as well known as its file says, not worse for a log that doesn't see it.
+    let record = &fit.model.actuator.hysterons[0].slope_s;
+    assert_eq!((record.sigma, slope.sigma), (Some(0.02), 0.02 * stated.value));
+    assert_eq!(record.source, format!("not seen by made; {}", stated.source));
 }
 
 #[test]
@@ -167,8 +172,49 @@ fn bad_logs_are_refused_in_words() {
     let silent = Log { displacement_m: vec![1.0; 10_000], ..good.clone() };
     assert!(refusal(&silent).contains("check the sensor"));
     let inverted = Log { displacement_m: good.displacement_m.iter().map(|y| -y).collect(), ..good.clone() };
-    let from = From::Logs { hysterons: Hysterons::Fixed(1), mass_kg: 1e-3 };
-    assert!(fit(&inverted, from, 1).expect_err("refused").to_string().contains("--scale"));
+    let from = || From::Logs { hysterons: Hysterons::Fixed(1), mass_kg: 1e-3 };
+    assert!(fit(&inverted, from(), 1).expect_err("refused").to_string().contains("--scale"));
+    assert!(refusal(&inverted).contains("made: the displacement falls"), "with a plant as well");
+    let inverted = Log { name: "second".into(), ..inverted };
+    for from in [from(), plant()] {
+        let options = Options { from, initial: Initial::Rest, run_in_s: None, starts: 1, seed: 1 };
+        let said = identify(&[good.clone(), inverted.clone()], &options, &|_, _| ()).expect_err("refused").to_string();
+        // --scale would turn the first one too.
+        assert!(said.starts_with("second: the displacement falls") && !said.contains("--scale"), "{said}");
+    }
+}
+
+/// What acts before a run-in's end moves what comes after it.
+#[test]
+fn a_step_at_the_end_of_the_run_in_is_a_step() {
+    let truth = thesis();
+    let log = made_log(&truth, "zero@0.5s+hold:20V,for=0.5s", NOISE_M, 3);
+    let from = From::Plant(Box::new(truth));
+    let options = Options { from, initial: Initial::Relaxed, run_in_s: Some(0.5), starts: 1, seed: 1 };
+    let fit = identify(&[log], &options, &|_, _| ()).expect("fits");
+    assert!((0.97..1.03).contains(&(fit.logs[0].rms_m / NOISE_M)), "{:e}", fit.logs[0].rms_m);
+}
+
+#[test]
+fn a_zero_is_told_as_far_as_the_logs_tell_it() {
+    let truth = thesis();
+    let zero_um = |logs: &[Log]| {
+        let from = From::Plant(Box::new(truth.clone()));
+        let options = Options { from, initial: Initial::Rest, run_in_s: None, starts: 1, seed: 1 };
+        let zero = identify(logs, &options, &|_, _| ()).expect("fits").model.sensor.offset_um.expect("told");
+        (zero.value, zero.sigma_abs.expect("told"))
+    };
+    let open = made_log(&truth, OPENING, NOISE_M, 3);
+    // Every hysteron opens and tells what it held: no finer than a reading, of which 10000 give the noise to a per cent or two.
+    let (value, sigma) = zero_um(std::slice::from_ref(&open));
+    assert!((0.019..0.2).contains(&sigma) && value.abs() < 4.0 * sigma, "{value} +- {sigma}");
+    // None opens at 15 V: the edges of 7.26 and 4.34 V at 1.884 um/V hide 13.7 and 8.2 um.
+    let (value, sigma) = zero_um(&[made_log(&truth, "sine:15V@100Hz,for=1s", NOISE_M, 3)]);
+    assert!((5.0..30.0).contains(&sigma), "{value} +- {sigma}");
+    // Set anew between two logs by 3 um.
+    let moved = Log { displacement_m: open.displacement_m.iter().map(|y| y + 3e-6).collect(), ..open.clone() };
+    let (value, sigma) = zero_um(&[open, moved]);
+    assert!((value - 1.5).abs() < 0.1 && (1.5..3.0).contains(&sigma), "{value} +- {sigma}");
 }
 
 fn measured(name: &str) -> Option<Log> {

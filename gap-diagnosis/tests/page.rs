@@ -2,8 +2,8 @@
 
 use crate::common::{HOSTILE, assert_fetches_nothing, drawings};
 use gap_diagnosis::page::{
-    Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Loop, Page, ReplayView, Series, Share, SimulationView,
-    StartView, identify_page, replay_page, simulation_page,
+    Axis, Chart, FittedLog, FittedParameter, IdentifyView, Ink, Kept, Loop, Page, ReplayView, Series, Share,
+    SimulationView, StartView, identify_page, replay_page, simulation_page,
 };
 
 fn wave(n: usize) -> (Vec<f64>, Vec<f64>) {
@@ -96,6 +96,7 @@ fn a_residual_reads_as_the_difference_of_the_curves_above_it() {
         subtitle: "",
         headline: "",
         time_s: &time_s,
+        kept: Kept::all(time_s.len()),
         command_v: &predicted,
         measured_um: &measured,
         predicted_um: &predicted,
@@ -130,6 +131,7 @@ fn missing_samples_are_null_and_bounds_are_right() {
         subtitle: "",
         headline: "",
         time_s: &time_s,
+        kept: Kept::all(time_s.len()),
         command_v: &predicted,
         measured_um: &values,
         predicted_um: &predicted,
@@ -152,12 +154,40 @@ fn missing_samples_are_null_and_bounds_are_right() {
 }
 
 #[test]
+fn lags_are_the_logs_samples_where_the_page_has_a_part_of_its_rows() {
+    // Every fourth row of 40 000 at 0.1 ms; the residual is that of all.
+    let time_s: Vec<f64> = (0..10_000).map(|k| f64::from(k) * 4e-4).collect();
+    let values = vec![1.0; time_s.len()];
+    let html = replay_page(&ReplayView {
+        title: "replay",
+        subtitle: "",
+        headline: "",
+        time_s: &time_s,
+        kept: Kept { rows: 40_000, stride: 4 },
+        command_v: &values,
+        measured_um: &values,
+        predicted_um: &values,
+        autocorrelation: &[1.0, 0.5, 0.01],
+        n_residuals: 10_000,
+        spectrum: None,
+        metrics: &[],
+        warnings: &[],
+        provenance: &[],
+    })
+    .to_html();
+    let lags = drawings(&html)[3]["data"][0].clone();
+    assert_eq!(lags, serde_json::json!([0.1, 0.2]));
+    assert!(html.contains("40\u{202f}000 samples, of which one in 4") && !html.contains("every peak is kept"));
+}
+
+#[test]
 fn empty_input_still_gives_a_page() {
     let html = replay_page(&ReplayView {
         title: "nothing",
         subtitle: "",
         headline: "",
         time_s: &[],
+        kept: Kept::default(),
         command_v: &[],
         measured_um: &[],
         predicted_um: &[],

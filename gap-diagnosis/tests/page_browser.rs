@@ -3,7 +3,7 @@
 //! Needs chromium. Where there is none the test says "not run" and passes: the other page tests need no browser.
 
 use crate::common::{HOSTILE, attribute, dom_after};
-use gap_diagnosis::page::{Axis, Chart, Ink, Loop, Page, ReplayView, Series, Share, SpectrumView, replay_page};
+use gap_diagnosis::page::{Axis, Chart, Ink, Kept, Loop, Page, ReplayView, Series, Share, SpectrumView, replay_page};
 
 #[test]
 fn every_chart_is_drawn_and_nothing_goes_wrong() {
@@ -112,6 +112,7 @@ fn page_with_everything() -> Page {
         subtitle: HOSTILE,
         headline: HOSTILE,
         time_s: &time_s,
+        kept: Kept::all(time_s.len()),
         command_v: &command,
         measured_um: &measured,
         predicted_um: &predicted,

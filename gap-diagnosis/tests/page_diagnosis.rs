@@ -4,7 +4,7 @@ use crate::common::{HOSTILE, assert_fetches_nothing, attribute, dom_after, drawi
 use gap_diagnosis::locate::{Trace, Where, locate};
 use gap_diagnosis::page::{
     Axis, BarItem, BarList, ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView,
-    HeatMap, HeatScale, Ink, ModelResponse, NextView, Page, RankView, ResponseView, RivalView, ShareView, Strip,
+    HeatMap, HeatScale, Ink, Kept, ModelResponse, NextView, Page, RankView, ResponseView, RivalView, ShareView, Strip,
     UnexplainedView, diagnosis_page,
 };
 
@@ -17,6 +17,7 @@ fn log(name: &str, n: usize, is_held_out: bool) -> DiagnosedLog {
     DiagnosedLog {
         name: name.to_owned(),
         is_held_out,
+        kept: Kept::all(n),
         measured_um: drive_v.iter().enumerate().map(|(k, v)| 1.4 * v + 0.05 * rough(k)).collect(),
         refit_um: drive_v.iter().map(|v| 1.39 * v).collect(),
         augmented_um: drive_v.iter().map(|v| 1.4 * v).collect(),
@@ -140,6 +141,7 @@ fn everything_is_on_the_page() {
         "± 0.00040 some text",
         "At 20\u{202f}000 Hz. It tells some text and some text apart.",
         "+10.0",
+        "or named as wrong; the others moved less",
         "over drive and drive rate",
         "Harmonics of the residual",
         "81.00",
@@ -204,6 +206,22 @@ fn five_logs_of_eleven_seconds_stay_below_three_megabytes() {
     let logs = [20_000, 44_000, 20_000, 110_000, 26_000].map(|n| log("log.csv", n, false));
     let html = diagnosis_page(&view("text", logs.into())).to_html();
     assert!((500_000..3_000_000).contains(&html.len()), "{}", html.len());
+}
+
+#[test]
+fn a_log_of_which_the_page_has_a_part_is_said_to_be() {
+    let long = |stride: usize| DiagnosedLog { kept: Kept { rows: 1_200_000, stride }, ..log("long.csv", 8000, false) };
+    let told = |html: &str| {
+        ["8\u{202f}000 samples", "every peak is kept", "one in 3", "1\u{202f}200\u{202f}000 samples"]
+            .map(|t| html.contains(t))
+    };
+    let of = |log: DiagnosedLog| DiagnosisView { logs: vec![log], ..DiagnosisView::default() };
+    let html = diagnosis_page(&of(long(3))).to_html();
+    assert_eq!(told(&html), [false, false, true, true]);
+    // Under three charts and in the table of logs.
+    assert_eq!(html.matches("1\u{202f}200\u{202f}000").count(), 4);
+    let whole = diagnosis_page(&of(log("short.csv", 8000, false))).to_html();
+    assert_eq!(told(&whole), [true, true, false, false]);
 }
 
 #[test]

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         |joint| parts(Parts { modes: vec![Mode { joint, hz: 2000.0, damping_ratio: 0.02 }], ..Parts::default() });
     let first = Some(Lag::First { time_constant_s: 1e-4 });
     let second = Some(Lag::Second { natural_rad_per_s: 1e4, damping_ratio: 0.7 });
-    let warming = Some(Warming { coefficient: 0.02, time_constant_s: 10.0, heat: plant_sim::chain::Heat::Time });
+    let warming = Warming { coefficient: 0.02, time_constant_s: 10.0, heat: plant_sim::chain::Heat::Time };
     let chains = [
         ("nominal", nominal.clone()),
         ("fractional delay", drive(Drive { delay_s: 2e-5, ..Drive::IDEAL })),
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("lag, first order, fractional delay", drive(Drive { lag: first, delay_s: 2e-5, ..Drive::IDEAL })),
         ("lag, second order", drive(Drive { lag: second, ..Drive::IDEAL })),
         ("slew", drive(Drive { slew_v_per_s: 1e5, slew_down_v_per_s: 1e5, ..Drive::IDEAL })),
-        ("warming", drive(Drive { warming, ..Drive::IDEAL })),
+        ("warming", drive(Drive { warmings: vec![warming], ..Drive::IDEAL })),
         ("sensor lag", Chain { sensor: Sensor { lag: first, ..Sensor::IDEAL }, ..nominal.clone() }),
         ("attached mode", mode(Joint::Attached { mass_kg: 5e-5 })),
         ("parallel mode", mode(Joint::Parallel { compliance_m_per_n: 1e-6 })),

@@ -60,8 +60,9 @@ impl Program {
 
     /// Samples that the parts with a length take together, if all of them have one.
     pub fn samples(&self) -> Option<usize> {
-        let seconds: Option<f64> = self.parts.iter().map(|(part, _)| part.seconds).sum();
-        seconds.map(|s| (s * self.rate_hz).round() as usize)
+        let have_lengths = self.parts.iter().all(|(part, _)| part.seconds.is_some());
+        let segments = self.segments().ok().filter(|_| have_lengths)?;
+        Some(segments.iter().map(|segment| segment.samples() as usize).sum())
     }
 
     /// The board's segments.
@@ -364,12 +365,12 @@ fn recorded_m(setup: &Setup<'_>, held_v: Vec<f64>) -> Vec<f64> {
     (0..log.command_v.len()).map(row).collect()
 }
 
-/// The loop that `settings` close around a plant, for its margins.
-pub fn sampled_loop(settings: &Settings, rate_hz: f64, delay_s: f64) -> Loop {
+/// The loop that `settings` close around `chain`, `latency_s` from sampling to the new command, for the margins of the chain's linear regions.
+pub fn sampled_loop(settings: &Settings, rate_hz: f64, latency_s: f64, chain: &Chain) -> Loop {
     Loop {
         kp_v_per_m: f64::from(settings.kp_v_per_m),
         ki_v_per_m_s: f64::from(settings.ki_v_per_m_s),
         rate_hz,
-        delay_s,
+        delay_s: latency_s + chain.drive.delay_s,
     }
 }

@@ -103,15 +103,15 @@ impl StateSpace {
         Some((&self.c * self.steady_state(1.0)?)[0] + self.d)
     }
 
-    /// The plant as a region for margins; feedthrough is left out, as no loop is closed over it before a sample has passed.
+    /// The plant as a region for margins.
     pub fn region(&self, label: &str) -> LinearRegion {
-        LinearRegion { label: label.to_owned(), a: self.a.clone(), b: self.b.clone(), c: self.c.clone() }
+        LinearRegion { label: label.to_owned(), a: self.a.clone(), b: self.b.clone(), c: self.c.clone(), d: self.d }
     }
 }
 
 impl From<&LinearRegion> for StateSpace {
     fn from(region: &LinearRegion) -> Self {
-        Self { a: region.a.clone(), b: region.b.clone(), c: region.c.clone(), d: 0.0 }
+        Self { a: region.a.clone(), b: region.b.clone(), c: region.c.clone(), d: region.d }
     }
 }
 

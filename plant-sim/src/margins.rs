@@ -40,6 +40,7 @@
 //! # Ok::<(), plant_sim::margins::MarginError>(())
 //! ```
 
+mod around;
 mod curve;
 mod delay;
 mod region;
@@ -522,7 +523,12 @@ fn check_region(region: &LinearRegion) -> Result<(), MarginError> {
     let n = region.a.nrows();
     let fits = n > 0 && region.a.ncols() == n && region.b.len() == n && region.c.len() == n;
     let finite = |x: &f64| x.is_finite();
-    if fits && region.a.iter().all(finite) && region.b.iter().all(finite) && region.c.iter().all(finite) {
+    if fits
+        && region.a.iter().all(finite)
+        && region.b.iter().all(finite)
+        && region.c.iter().all(finite)
+        && region.d.is_finite()
+    {
         Ok(())
     } else {
         Err(MarginError::BadRegion { region: region.label.clone() })

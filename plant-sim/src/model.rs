@@ -456,15 +456,18 @@ impl Model {
             check_sigma(&key, param)?;
         }
         // Those of the effects that depend on the plant are held against a plant that has been checked.
-        let nominal = self.nominal_chain().plant;
+        let mut chain = self.nominal_chain();
+        let nominal = chain.plant.clone();
         for (i, effect) in self.effects.iter().enumerate() {
-            effect.validate(&format!("effect[{}]", i + 1), &nominal)?;
+            let key = format!("effect[{}]", i + 1);
+            effect.validate(&key, &nominal)?;
+            effect.install_where_it_acts(&key, &mut chain)?;
         }
         if or(&self.drive.min_v, f64::NEG_INFINITY) >= or(&self.drive.max_v, f64::INFINITY) {
             return Err("drive.min_V must lie below drive.max_V".to_owned());
         }
         let hysterons = self.actuator.hysterons.len();
-        let plant = self.chain().plant;
+        let plant = chain.plant;
         let stepped = plant.hysterons.len();
         if stepped > MAX_HYSTERONS {
             let of_effects = if stepped > hysterons { " with those of the effects" } else { "" };

@@ -18,7 +18,8 @@
 //! | minor-loops | `minor-loops:60V@1Hz` | sines of falling amplitude, each nested in the last: full, 3/4, 1/2, 1/4 |
 //! | file | `file:ref.csv` | one number per sample, in the amplitude's unit: um unless `unit=V` |
 //!
-//! `for=2s` limits any part; every part but the last needs a length.
+//! `for=2s` limits a part, unless its shape goes with its length: a sweep's and a decaying sine's stands behind `/`, a ladder's follows from its
+//! levels. Every part but the last needs a length.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -268,6 +269,7 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             if seconds.is_none() && !options.has("for") {
                 return Err("a decaying-sine needs its duration, as in `decaying-sine:60V@8Hz/2s`".into());
             }
+            one_length(kind, seconds, &options)?;
             Shape::DecayingSine { hz }
         }
         "minor-loops" => {
@@ -280,6 +282,7 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             if seconds.is_none() {
                 return Err("a sweep needs its duration, as in `sweep:20V@1-2000Hz/4s`".into());
             }
+            one_length(kind, seconds, &options)?;
             Shape::Sweep { hz, log: options.flag("log")? }
         }
         "ladder" => {
@@ -323,6 +326,14 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         (None, _) => return Err(format!("a {kind} needs an amplitude, as in `{kind}:20um`")),
     };
     Ok((Part { shape, amplitude, seconds, shaped }, unit))
+}
+
+/// Another length would be another course, and not a part of it.
+fn one_length(kind: &str, seconds: Option<f64>, options: &Options) -> Result<(), String> {
+    if seconds.is_some() && options.has("for") {
+        return Err(format!("a {kind} takes the time behind `/`: change that, and leave `for` out"));
+    }
+    Ok(())
 }
 
 fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {

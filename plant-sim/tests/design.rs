@@ -2,7 +2,7 @@
 
 use plant_sim::chain::{Chain, Lag};
 use plant_sim::controller::{Controller, InverseSection};
-use plant_sim::design::{Design, DesignError, Frame, Wish, check, design, tracking};
+use plant_sim::design::{Design, DesignError, Frame, LowestRate, Wish, check, design, tracking};
 use plant_sim::margins::Verdict;
 use plant_sim::model::Model;
 use std::path::Path;
@@ -57,12 +57,17 @@ fn the_check_finds_the_edges() {
         check(&frame, &model).expect("checked")
     };
     let found = at(20e3, DELAY_S);
-    let (delay_s, rate_hz) = (found.largest_delay_s.expect("stable"), found.lowest_rate_hz.expect("stable"));
+    let (delay_s, lowest) = (found.largest_delay_s.expect("stable"), found.lowest_rate.expect("stable"));
+    let LowestRate::Edge(rate_hz) = lowest else { panic!("{lowest:?}") };
     // One per mille either side of what it says: stable and not.
     let is_stable =
         |rate_hz: f64, delay_s: f64| !matches!(at(rate_hz, delay_s).assessment.verdict, Verdict::Unstable { .. });
     assert!(is_stable(20e3, 0.999 * delay_s) && !is_stable(20e3, 1.001 * delay_s), "{delay_s}");
     assert!(is_stable(1.001 * rate_hz, DELAY_S) && !is_stable(0.999 * rate_hz, DELAY_S), "{rate_hz}");
+    // A search that ends at its own end says so: this one is stable down to 180 Hz.
+    let slow = frame(&chain, &self::controller("pi2.toml"), 100e3);
+    let lowest = check(&slow, &model).expect("checked").lowest_rate;
+    assert!(matches!(lowest, Some(LowestRate::AtMost(hz)) if hz < 1021.0), "{lowest:?}");
     // Twice the guard's own promise would be a bender in pieces.
     let worst = &found.peaks[0];
     assert!(worst.peak_m > 100e-6 && worst.peak_m < 130e-6, "{worst:?}");

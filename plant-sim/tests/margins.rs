@@ -155,6 +155,7 @@ fn first_order(p: f64, g: f64) -> LinearRegion {
         a: DMatrix::from_element(1, 1, -p),
         b: DVector::from_element(1, g),
         c: RowDVector::from_element(1, 1.0),
+        d: 0.0,
     }
 }
 
@@ -216,6 +217,7 @@ fn a_narrow_resonance_is_not_missed() {
         a: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -omega * omega, -2e-5 * omega]),
         b: DVector::from_column_slice(&[0.0, omega * omega]),
         c: RowDVector::from_row_slice(&[1.0, 0.0]),
+        d: 0.0,
     };
     let law = Loop { kp_v_per_m: 1e-5, ki_v_per_m_s: 0.0, rate_hz: 20e3, delay_s: 200e-6 };
     let found = examine(&region, &law);
@@ -223,6 +225,36 @@ fn a_narrow_resonance_is_not_missed() {
     // At the resonance |L| = Kp / (2 zeta) = 0.5 at most, so 6 dB or a little more.
     assert!(found.gain_margin_db > 5.9 && found.gain_margin_db < 7.0, "{}", found.gain_margin_db);
     assert!(distance_from_circle(&examine(&region, &with_gain(&law, found.gain_margin_db))) < 1e-9);
+}
+
+/// 45 past drives beside the plant: from no shift does the iteration find all, and on the transpose it does.
+#[test]
+fn a_long_delay_has_its_eigenvalues() {
+    let hysteron = |capacitance_f: f64, slope_s: f64| Hysteron { capacitance_f, slope_s, dead_zone_v: 10.0 };
+    let plant = Phs {
+        mass_kg: 0.00038046263237050083,
+        damping_n_s_per_m: 1.5506793724971157,
+        stiffness_n_per_m: 55172.71131734158,
+        transduction_c_per_m: 0.03621505587563581,
+        hysterons: vec![
+            hysteron(2.1606502692280657e-7, 0.004956543882282491),
+            hysteron(5.464707664227922e-7, 0.008),
+            hysteron(7.469221396779911e-7, 0.008),
+        ],
+    };
+    let law = Loop {
+        kp_v_per_m: 91630.1892429808,
+        ki_v_per_m_s: 575054164.1509981,
+        rate_hz: 11188.73068711963,
+        delay_s: 0.00011310823510714033,
+    };
+    for region in plant.linear_regions().expect("positive coefficients") {
+        let found = examine(&region, &law);
+        let longer = |part: f64| Loop { delay_s: law.delay_s + part * found.delay_margin_s, ..law };
+        assert!(examine(&region, &longer(0.8537529074463777)).stable, "{region:?}");
+        // The edge that it says is on the unit circle.
+        assert!(distance_from_circle(&examine(&region, &longer(1.0))) < 1e-6, "{region:?}");
+    }
 }
 
 #[test]
@@ -448,6 +480,7 @@ proptest! {
                 a: DMatrix::from_fn(n_states, n_states, |i, j| region.a[(i, j)] * scales[j] / scales[i]),
                 b: DVector::from_fn(n_states, |i, _| region.b[i] / scales[i]),
                 c: RowDVector::from_fn(n_states, |_, i| region.c[i] * scales[i]),
+                d: region.d,
             };
             let (left, right) = (examine(&region, &law), examine(&scaled, &law));
             prop_assert!(same(&left, &right, 1e-7), "{left:?}\n{right:?}");

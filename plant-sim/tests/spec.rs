@@ -141,3 +141,26 @@ fn the_same_seed_gives_the_same_phases() {
     assert_eq!(wave(7), wave(7));
     assert!(wave(7) != wave(8));
 }
+
+#[test]
+fn a_length_is_that_of_the_samples_played() {
+    // At 10 kHz a hold of 0.26 ms is 3 samples and not 2.6.
+    let spec = "ladder:60V/100,hold=0.26ms";
+    assert_eq!(program(spec).samples(), Some(600));
+    // Half a sample of each part is no half sample of all.
+    assert_eq!(program("hold:1V@0.25ms+hold:2V@0.25ms+hold:3V@0.25ms").samples(), Some(9));
+    assert_eq!(program("hold:1V@1ms+hold:2V").samples(), None);
+    let samples = played(spec, 601);
+    assert_eq!((samples[299], samples[300], samples[596], samples[597]), (60.0, samples[294], samples[594], 0.0));
+}
+
+#[test]
+fn what_goes_with_its_length_has_one() {
+    for text in ["sweep:20V@1-2000Hz/4s,for=2s", "decaying-sine:60V@8Hz/2s,for=1s"] {
+        let line = Spec::parse(text).expect_err(text).to_string();
+        assert!(line.contains("takes the time behind `/`") && !line.contains('\n'), "{line}");
+    }
+    for text in ["sine:20V@10Hz/4s,for=2s", "decaying-sine:60V@8Hz,for=1s", "multisine:20V@10-2000Hz/4s,for=2s"] {
+        assert!(Spec::parse(text).is_ok(), "{text}");
+    }
+}

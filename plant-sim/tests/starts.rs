@@ -103,3 +103,22 @@ fn what_friction_and_play_remember_is_there_at_the_start() {
     // Down by 20 V and rung out: the play hangs above, or was dragged below by the overshoot, by half its width at the most.
     assert!((last_m(-20.0) - plain_m(-20.0)).abs() <= 1e-6 * (1.0 + 1e-9));
 }
+
+/// A mode beside the plant begins where the force is that the plant feels, which hysteresis of the voltage takes its part of.
+#[test]
+fn nothing_rings_at_rest_under_a_held_drive() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-bouc-wen.toml");
+    let mut bender = plant_sim::model::Model::read(&file).expect("of the project").chain();
+    let joint = Joint::Parallel { compliance_m_per_n: 1e-6 };
+    bender.parts.modes.push(Mode { joint, hz: 700.0, damping_ratio: 0.01 });
+    // In the engine, and apart from it where laws are part of its force.
+    let mut apart = bender.clone();
+    apart.parts.forces.push(Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 0.0 });
+    for chain in [bender, apart] {
+        let start = Start::at_rest(&chain, 60.0, Vec::new());
+        let still = predict(&chain, &log(vec![60.0; ROWS], Hold::Zoh, 0.0), &start, ROWS);
+        let rings_m = still.iter().map(|y| (y - still[0]).abs()).fold(0.0, f64::max);
+        // 200 rows of rounding of 100 um; the missing newton of 1e-6 m/N would be hundreds of nanometres.
+        assert!(rings_m < 1e-16, "{rings_m:e}");
+    }
+}

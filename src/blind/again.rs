@@ -1,14 +1,14 @@
 //! Second diagnoses of cases that were answered: without their own entry, and with the experiment that the first asked for.
 //!
-//! Both begin when every first answer is written: they know the labels.
+//! Both begin when every first answer of the whole run is written, those of all its parts: they know the labels.
 
 use super::made::{case, lay_log, lay_out};
 use super::plan::{Label, Order};
-use super::runner::{PLANT, REPORT, answer, ask, each};
+use super::runner::{Asked, PLANT, REPORT, answer, ask, each, ran};
 use super::store::Store;
 use crate::failure::Failure;
 use blind_truth::{Bench, Record, run};
-use gap_diagnosis::score::{self, Active, Case, LeftOut, NextExperiment, Tried, Truth, active, left_out};
+use gap_diagnosis::score::{self, Active, Case, LeftOut, NextExperiment, Then, Tried, Truth, active, left_out};
 use plant_sim::experiment::{Program, Setup, open_loop};
 use plant_sim::model::Model;
 use plant_sim::replay::Start;
@@ -26,7 +26,7 @@ pub fn leave_one_out(
     store: &Store,
     order: &Order,
     labels: &[Label],
-    program: &Path,
+    program: &Asked,
     jobs: usize,
 ) -> Result<(), Failure> {
     let singles: Vec<&Label> = labels.iter().filter(|label| label.single().is_some()).collect();
@@ -49,7 +49,7 @@ pub fn make_experiments(
     store: &Store,
     order: &Order,
     labels: &[Label],
-    program: &Path,
+    program: &Asked,
     jobs: usize,
 ) -> Result<(), Failure> {
     let open: Vec<(&Label, NextExperiment)> =
@@ -108,20 +108,22 @@ fn drop_report(folder: &Path) -> Result<(), Failure> {
     if path.exists() { std::fs::remove_file(&path).map_err(|e| Failure::unwritable(&path, &e)) } else { Ok(()) }
 }
 
-/// Figures of what lies in `left-out/`, if anything does.
+/// Figures of what was diagnosed in `left-out/`, if anything was; what a killed run left there is no answer.
 pub fn score_left_out(store: &Store, labels: &[Label], truths: &[Truth]) -> Option<LeftOut> {
-    let done = labels.iter().zip(truths).filter(|(label, _)| store.left_out(&label.id).is_dir());
+    let singles: Vec<(&Label, &Truth)> =
+        labels.iter().zip(truths).filter(|(label, _)| label.single().is_some()).collect();
+    let done = singles.iter().filter(|(label, _)| ran(&store.left_out(&label.id)).is_some());
     let cases: Vec<Case> = done
         .map(|(label, truth)| Case {
             id: label.id.clone(),
-            truth: truth.clone(),
+            truth: (*truth).clone(),
             answer: answer(&store.left_out(&label.id)),
         })
         .collect();
-    (!cases.is_empty()).then(|| left_out(&cases))
+    (!cases.is_empty()).then(|| left_out(&cases, singles.len()))
 }
 
-/// Figures of what lies in `active/`, if anything does.
+/// Figures of what was diagnosed in `active/`, if anything was.
 pub fn score_active(store: &Store, cases: &[Case]) -> Option<Active> {
     if !store.path("active").is_dir() {
         return None;
@@ -130,8 +132,12 @@ pub fn score_active(store: &Store, cases: &[Case]) -> Option<Active> {
         let Case { id, truth, answer: first }: &Case = before;
         let folder = store.active(id);
         let after = || Case { id: id.clone(), truth: truth.clone(), answer: answer(&folder) };
-        proposed(first.as_ref().ok()?)?;
-        Some(Tried { before, after: folder.is_dir().then(after) })
+        let then = match proposed(first.as_ref().ok()?)? {
+            None => Then::NoCommand,
+            Some(_) if ran(&folder).is_some() => Then::Made(Box::new(after())),
+            Some(_) => Then::Open,
+        };
+        Some(Tried { before, then })
     };
     Some(active(&cases.iter().filter_map(tried).collect::<Vec<_>>()))
 }

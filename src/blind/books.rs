@@ -3,7 +3,7 @@
 
 use super::again::{score_active, score_left_out};
 use super::plan::{Label, Order};
-use super::runner::{REPORT, answer, ran};
+use super::runner::{REPORT, answer, program_of, ran};
 use super::store::{self, Store, read, read_if_there, read_json, sha256, write};
 use crate::failure::Failure;
 use crate::output;
@@ -93,11 +93,20 @@ pub fn score_text(score: &Score, provenance: &Value) -> Result<String, Failure> 
 }
 
 /// Where a score comes from.
-pub fn provenance(order: &Order, labels_sha256: &str, answers_sha256: &str, commit: &str) -> Value {
-    json!({
+///
+/// # Errors
+/// If it can't be read which program gave the answers.
+pub fn provenance(
+    store: &Store,
+    order: &Order,
+    labels_sha256: &str,
+    ids: &[&str],
+    commit: &str,
+) -> Result<Value, Failure> {
+    Ok(json!({
         "version": env!("CARGO_PKG_VERSION"), "commit": commit, "order": order,
-        "labels_sha256": labels_sha256, "answers_sha256": answers_sha256,
-    })
+        "labels_sha256": labels_sha256, "answers_sha256": answers_sha256(store, ids), "program_sha256": program_of(store)?,
+    }))
 }
 
 /// Where the book of openings lies: as asked, or in the repository's folder if that is here.
@@ -179,7 +188,7 @@ pub fn publish(store: &Store, shown: &Shown<'_>) -> Result<(), Failure> {
     let times = format!("{} / {}", seconds("median_s"), seconds("longest_s"));
     let facts = [("median / longest diagnosis".to_owned(), times)];
     let mut provenance = output::provenance(shown.seed);
-    for key in ["commit", "labels_sha256", "answers_sha256"] {
+    for key in ["commit", "labels_sha256", "answers_sha256", "program_sha256"] {
         provenance.push(format!("{key} {}", shown.provenance[key].as_str().unwrap_or("unknown")));
     }
     let page = score_page(&PageView {

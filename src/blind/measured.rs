@@ -1,7 +1,7 @@
 //! Measured logs whose label somebody else keeps: the same check on a real bench (docs/blind-check.md).
 
 use super::books::{Shown, answers_sha256, cases, publish};
-use super::runner::{Input, PLANT, ask, each};
+use super::runner::{Asked, Input, PLANT, ask, each, program_of};
 use super::store::{Store, json, read, sha256, write};
 use crate::failure::Failure;
 use crate::output;
@@ -57,7 +57,7 @@ type Sealed = BTreeMap<String, Vec<String>>;
 ///
 /// # Errors
 /// If manifest or labels are not what they should be, or files can't be read or written.
-pub fn measured(store: &Store, manifest: &Path, program: &Path, jobs: usize) -> Result<(), Failure> {
+pub fn measured(store: &Store, manifest: &Path, program: &Asked, jobs: usize) -> Result<(), Failure> {
     let text = read(manifest)?;
     let said = |e: &dyn std::fmt::Display| Failure::file(format!("{}: {e}", manifest.display()));
     let found: Manifest = toml::from_str(&text).map_err(|e| said(&e))?;
@@ -72,6 +72,9 @@ pub fn measured(store: &Store, manifest: &Path, program: &Path, jobs: usize) -> 
     store.settle("manifest.toml", &text)?;
     store.settle("seal.txt", &format!("{}  {}\n", found.labels.sha256, found.labels.file.display()))?;
     output::line(&format!("labels of {} groups, sealed by sha256 {}", found.group.len(), found.labels.sha256));
+    let ids: Vec<String> = found.group.iter().map(id).collect();
+    let ids: Vec<&str> = ids.iter().map(String::as_str).collect();
+    program.settle(store, &ids)?;
 
     each(&found.group, jobs, "diagnosing", |group| {
         ask(program, &store.case(&id(group)), |folder| {
@@ -118,12 +121,11 @@ pub fn measured(store: &Store, manifest: &Path, program: &Path, jobs: usize) -> 
             .ok_or_else(|| Failure::file(format!("{}: has no label for group {:?}", labels.display(), group.id)))?;
         write(&store.truth(&id(group)), json(&truth(effects)?)?.as_bytes())?;
     }
-    let ids: Vec<String> = found.group.iter().map(id).collect();
-    let ids: Vec<&str> = ids.iter().map(String::as_str).collect();
     let score = score(&cases(store, &ids)?, None, None);
     let provenance = serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"), "commit": "unknown", "manifest_sha256": sha256(text.as_bytes()),
         "labels_sha256": found.labels.sha256, "answers_sha256": answers_sha256(store, &ids),
+        "program_sha256": program_of(store)?,
     });
     let title = found.title.as_deref().unwrap_or("Blind check on measured logs");
     let subtitle = format!("{} groups of logs", ids.len());

@@ -1,6 +1,6 @@
 //! Runs diagnoses: each in its own process, in a folder that holds its logs and its plant and nothing else.
 
-use super::store::{read_json, sha256, write};
+use super::store::{Store, read_if_there, read_json, sha256, write};
 use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::score::Answer;
@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Nominal plant of a case, beside its logs.
 pub const PLANT: &str = "nominal.toml";
 /// Says that a case is done; written last.
-const DONE: &str = "run.json";
+pub const DONE: &str = "run.json";
 const ANSWER: &str = "diagnosis.json";
 /// Page of a case.
 pub const REPORT: &str = "report.html";
@@ -27,7 +27,7 @@ const POLL: Duration = Duration::from_millis(20);
 const MOST_SAID: usize = 400;
 
 /// How a diagnosis ran.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ran {
     /// Exit code; none if a signal ended it, or if it could not be asked.
     pub exit_code: Option<i32>,
@@ -35,6 +35,9 @@ pub struct Ran {
     pub seconds: f64,
     /// Of the answer.
     pub diagnosis_sha256: Option<String>,
+    /// Of the program that was asked; none in runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program_sha256: Option<String>,
     /// What it said on standard error, where there is no answer.
     pub said: Option<String>,
 }
@@ -53,16 +56,17 @@ pub struct Input {
 /// and its page; the logs are gone, as they can be made again.
 ///
 /// # Errors
-/// If files can't be written, the program can't be started or was interrupted. A diagnosis that fails is no error but an answer
+/// If files can't be written, the program can't be started, was interrupted or is another one now. A diagnosis that fails is no error but an answer
 /// that is missing; so is what can't be asked, for which `prepare` says why.
 pub fn ask(
-    program: &Path,
+    program: &Asked,
     folder: &Path,
     prepare: impl FnOnce(&Path) -> Result<Result<Input, String>, Failure>,
 ) -> Result<(), Failure> {
     if folder.join(DONE).is_file() {
         return Ok(());
     }
+    program.check()?;
     let unwritable = |e| Failure::unwritable(folder, &e);
     // What a killed run left.
     if folder.exists() {
@@ -70,9 +74,12 @@ pub fn ask(
     }
     fs::create_dir_all(folder).map_err(unwritable)?;
     let ran = match prepare(folder)? {
-        Ok(input) => diagnose(program, folder, &input)?,
-        Err(why) => Ran { exit_code: None, seconds: 0.0, diagnosis_sha256: None, said: Some(why) },
+        Ok(input) => diagnose(&program.path, folder, &input)?,
+        Err(why) => Ran { said: Some(why), ..Ran::default() },
     };
+    // While it ran it may have been exchanged as well.
+    program.check()?;
+    let ran = Ran { program_sha256: Some(program.sha256.clone()), ..ran };
     for entry in fs::read_dir(folder).map_err(unwritable)? {
         let path = entry.map_err(unwritable)?.path();
         let is_kept = [ANSWER, REPORT].iter().any(|name| path.ends_with(name));
@@ -118,7 +125,7 @@ fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure
         let _ = child.kill();
         let _ = child.wait();
         let said = Some(format!("stopped: no answer after {} min", LONGEST.as_secs() / 60));
-        return Ok(Ran { exit_code: None, seconds: started.elapsed().as_secs_f64(), diagnosis_sha256: None, said });
+        return Ok(Ran { seconds: started.elapsed().as_secs_f64(), said, ..Ran::default() });
     };
     if was_interrupted(status) {
         return Err(Failure::interrupted("interrupted: the same call goes on where this one stopped"));
@@ -132,13 +139,13 @@ fn diagnose(program: &Path, folder: &Path, input: &Input) -> Result<Ran, Failure
         fs::rename(answer.join(ANSWER), folder.join(ANSWER)).map_err(unwritable)?;
         // A page is welcome, and not part of the answer.
         let _ = fs::rename(answer.join(REPORT), folder.join(REPORT));
-        return Ok(Ran { exit_code, seconds, diagnosis_sha256: Some(sha256(&text)), said: None });
+        return Ok(Ran { exit_code, seconds, diagnosis_sha256: Some(sha256(&text)), ..Ran::default() });
     }
     let said = complaints.and_then(|reader| reader.join().ok()).unwrap_or_default();
     let said = String::from_utf8_lossy(&said);
     let said: String = said.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(MOST_SAID).collect();
     let said = format!("{}: {}", status, if said.is_empty() { "no diagnosis.json" } else { &said });
-    Ok(Ran { exit_code, seconds, diagnosis_sha256: None, said: Some(said) })
+    Ok(Ran { exit_code, seconds, said: Some(said), ..Ran::default() })
 }
 
 /// Whether somebody asked the process to stop, which says nothing about the case.
@@ -226,12 +233,85 @@ pub fn each<T: Sync>(
     }
 }
 
+/// The file in a run's folder that says which program gives all its answers.
+const PROGRAM: &str = "program.txt";
+
+/// The program that diagnoses, and what it is known by.
+pub struct Asked {
+    path: PathBuf,
+    sha256: String,
+    /// Its length and when it was written: a run takes hours, in which a build may put another one in its place.
+    stamp: (u64, Option<SystemTime>),
+}
+
 /// The program that diagnoses: as asked, or this one.
 ///
 /// # Errors
-/// If this one can't be found.
-pub fn program(asked: Option<&Path>) -> Result<PathBuf, Failure> {
+/// If it can't be found or read.
+pub fn program(asked: Option<&Path>) -> Result<Asked, Failure> {
+    let not_there = |e| Failure::call(format!("the program that diagnoses is not there: {e}"));
     // Absolute, because each diagnosis runs in its own folder.
-    let found = asked.map_or_else(std::env::current_exe, fs::canonicalize);
-    found.map_err(|e| Failure::call(format!("the program that diagnoses is not there: {e}")))
+    let path = asked.map_or_else(std::env::current_exe, fs::canonicalize).map_err(not_there)?;
+    let stamp = stamp(&path).map_err(not_there)?;
+    let sha256 = sha256(&fs::read(&path).map_err(not_there)?);
+    Ok(Asked { path, sha256, stamp })
+}
+
+fn stamp(path: &Path) -> std::io::Result<(u64, Option<SystemTime>)> {
+    let found = fs::metadata(path)?;
+    Ok((found.len(), found.modified().ok()))
+}
+
+impl Asked {
+    fn check(&self) -> Result<(), Failure> {
+        if stamp(&self.path).is_ok_and(|stamp| stamp == self.stamp) {
+            return Ok(());
+        }
+        let path = self.path.display();
+        Err(Failure::call(format!("{path}: was exchanged under the run; go on with the program that began it")))
+    }
+
+    /// Holds a run to the program that began it, before that is asked anything. One of which answers are there, but not whose, is not
+    /// this one's: then nothing is written, and the reader is told.
+    ///
+    /// # Errors
+    /// If another program gave the answers that are there.
+    pub fn settle(&self, store: &Store, ids: &[&str]) -> Result<(), Failure> {
+        let has_begun = ids.iter().any(|id| store.case(id).join(DONE).is_file());
+        match program_of(store)?.filter(|_| has_begun) {
+            None if has_begun => output::warn(&[NOT_KNOWN.to_owned()]),
+            known => settle_program(store, known.as_deref(), &self.sha256)?,
+        }
+        Ok(())
+    }
+}
+
+/// Said of answers that older versions wrote down.
+pub const NOT_KNOWN: &str = "which program gave the answers that are there is not known";
+
+/// Sha256 of the program that gives the answers in `store`, if it says so.
+///
+/// # Errors
+/// If that can't be read.
+pub fn program_of(store: &Store) -> Result<Option<String>, Failure> {
+    let text = read_if_there(&store.path(PROGRAM))?;
+    Ok(text.and_then(|text| text.split_whitespace().next().map(str::to_owned)))
+}
+
+/// Writes down that the program of `sha256` gives the answers in `store`, of which `known` is written.
+///
+/// # Errors
+/// If that is another one.
+pub fn settle_program(store: &Store, known: Option<&str>, sha256: &str) -> Result<(), Failure> {
+    match known {
+        Some(known) if known == sha256 => Ok(()),
+        Some(known) => Err(Failure::call(format!(
+            "{}: its answers are of another program, sha256 {}.., this one has {}..; go on with that one (--program FILE) or name another \
+             directory with --out",
+            store.0.display(),
+            &known[..known.len().min(16)],
+            &sha256[..16]
+        ))),
+        None => write(&store.path(PROGRAM), format!("{sha256}  the program that gives all answers\n").as_bytes()),
+    }
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! order.json               what was ordered
 //! seal.txt                 sha256 of the labels, as `sha256sum -c` reads it
+//! program.txt              sha256 of the program that gives all answers
 //! sealed/labels.json       what is so
 //! sealed/truths/ID.json    forms and sizes, which follow from the labels
 //! cases/ID/                where a diagnosis ran: run.json, diagnosis.json, report.html

@@ -1,12 +1,13 @@
 //! Repeats a run's books from its artefacts: is what was sealed what is so, and the score what the answers are worth?
 
-use super::books::{answers_sha256, provenance, score_made, score_text, unseal};
+use super::books::{provenance, score_made, score_text, unseal};
 use super::made::{case, truth_text};
 use super::plan::{Label, Order};
-use super::runner::{as_written, each, ran};
+use super::runner::{NOT_KNOWN, as_written, each, program_of, ran};
 use super::store::{Store, json, read, read_json, sha256};
 use crate::failure::Failure;
 use crate::output;
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 /// Verifies the run in `store`, one line for each question.
@@ -48,10 +49,21 @@ pub fn verify(store: &Store, jobs: usize) -> Result<(), Failure> {
     let touched: Vec<String> = ids.iter().filter(is_touched).map(|id| (*id).to_owned()).collect();
     ask("the answers are there as they were written", first(&touched, "answers are missing or changed"));
 
+    // Second answers are the same program's.
+    let folders = ids.iter().flat_map(|id| [store.case(id), store.left_out(id), store.active(id)]);
+    let stated = folders.filter_map(|folder| ran(&folder)).map(|ran| ran.program_sha256).chain([program_of(store)?]);
+    let programs: BTreeSet<Option<String>> = stated.collect();
+    let count = programs.iter().flatten().count();
+    if count < 2 && programs.contains(&None) {
+        output::line(&format!("  one program gave all answers: {NOT_KNOWN}"));
+    } else {
+        ask("one program gave all answers", (count > 1).then(|| format!("the answers are of {count} programs")));
+    }
+
     let written = read(&store.path("score.json")).unwrap_or_default();
     let commit = serde_json::from_str::<serde_json::Value>(&written).unwrap_or_default();
     let commit = commit["provenance"]["commit"].as_str().unwrap_or("unknown");
-    let provenance = provenance(&order, &sha256(made.as_bytes()), &answers_sha256(store, &ids), commit);
+    let provenance = provenance(store, &order, &sha256(made.as_bytes()), &ids, commit)?;
     // Truths that are gone leave nothing to score.
     let again = score_made(store, &labels).and_then(|score| score_text(&score, &provenance)).unwrap_or_default();
     ask(

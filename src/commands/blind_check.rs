@@ -4,13 +4,14 @@ use crate::arguments::BlindCheckCall;
 use crate::blind::books::{self, Shown};
 use crate::blind::made::{case, lay_out, seal_truth};
 use crate::blind::plan::{Label, Order};
-use crate::blind::runner::{self, ask, each};
+use crate::blind::runner::{self, Asked, ask, each};
 use crate::blind::store::{Store, json, read, read_json, write};
 use crate::blind::{again, measured, verify};
 use crate::failure::Failure;
 use crate::output;
+use gap_diagnosis::score::LeftOut;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
     let jobs = call.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
@@ -23,41 +24,57 @@ pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
     if let Some(manifest) = &call.manifest {
         return measured::measured(&store, manifest, &program, jobs);
     }
+    let is_part = call.shard.is_some_and(|shard| shard.of > 1);
+    if is_part && (call.leave_one_out || call.active) {
+        return Err(Failure::call(
+            "--leave-one-out and --active know the labels, which stay sealed until all parts are answered: give them with --merge, not with --shard",
+        ));
+    }
     let order = if call.merge.is_empty() { order(call)? } else { order_of(&call.merge)? };
     let labels = order.labels().map_err(Failure::file)?;
     store.settle("order.json", &json(&order)?)?;
     let labels_sha256 = books::seal(&store, &json(&labels)?, labels.len())?;
 
+    let ids: Vec<&str> = labels.iter().map(|label| label.id.as_str()).collect();
     let part = |at: usize| call.shard.is_none_or(|shard| shard.holds(at));
     let mine: Vec<Label> =
         labels.iter().enumerate().filter(|(at, _)| part(*at)).map(|(_, label)| label.clone()).collect();
     if call.merge.is_empty() {
+        program.settle(&store, &ids)?;
         answer(&store, &order, &mine, &program, jobs)?;
     } else {
         merge(&store, &labels, &call.merge)?;
     }
-    // From here on everything is answered, and the seal may be opened.
-    books::unseal(&store)?;
-    if call.leave_one_out {
-        again::leave_one_out(&store, &order, &mine, &program, jobs)?;
-    }
-    if call.active {
-        again::make_experiments(&store, &order, &mine, &program, jobs)?;
-    }
-    if let Some(shard) = &call.shard
-        && shard.of > 1
-    {
+    if let Some(shard) = call.shard.as_ref().filter(|_| is_part) {
         output::line(&format!(
             "part {shard} is done, {} cases; put all parts together with `hysteron blind-check --merge DIR... --out DIR`",
             mine.len()
         ));
         return Ok(());
     }
+    // From here on everything is answered, that of other parts too, and the seal may be opened.
+    books::unseal(&store)?;
+    if call.leave_one_out || call.active {
+        program.settle(&store, &ids)?;
+    }
+    if call.leave_one_out {
+        again::leave_one_out(&store, &order, &labels, &program, jobs)?;
+    }
+    if call.active {
+        again::make_experiments(&store, &order, &labels, &program, jobs)?;
+    }
 
-    let ids: Vec<&str> = labels.iter().map(|label| label.id.as_str()).collect();
     let score = books::score_made(&store, &labels)?;
-    let answers_sha256 = books::answers_sha256(&store, &ids);
-    let provenance = books::provenance(&order, &labels_sha256, &answers_sha256, &call.commit);
+    if let Some(left_out) = score.left_out.as_ref().filter(|left_out| left_out.made < left_out.of) {
+        let LeftOut { made, of, .. } = left_out;
+        output::warn(&[format!(
+            "of {of} cases with one effect {made} were diagnosed without it: --leave-one-out goes on"
+        )]);
+    }
+    if let Some(active) = score.active.as_ref().filter(|active| active.open > 0) {
+        output::warn(&[format!("{} proposed experiments are still to be made: --active goes on", active.open)]);
+    }
+    let provenance = books::provenance(&store, &order, &labels_sha256, &ids, &call.commit)?;
     if order.split == "report" {
         match books::openings(call.openings.as_deref()) {
             Some(path) => books::book(&path, &order, &score, &provenance)?,
@@ -94,7 +111,7 @@ fn order(call: &BlindCheckCall) -> Result<Order, Failure> {
 }
 
 /// Makes and diagnoses what is not done yet.
-fn answer(store: &Store, order: &Order, labels: &[Label], program: &Path, jobs: usize) -> Result<(), Failure> {
+fn answer(store: &Store, order: &Order, labels: &[Label], program: &Asked, jobs: usize) -> Result<(), Failure> {
     each(labels, jobs, "diagnosing", |label| {
         ask(program, &store.case(&label.id), |folder| {
             let case = case(label, order)?;
@@ -121,8 +138,28 @@ fn order_of(parts: &[PathBuf]) -> Result<Order, Failure> {
     Ok(order.0)
 }
 
-/// Copies the parts of a run together.
+/// Copies the parts of a run together, which one program must have answered.
 fn merge(store: &Store, labels: &[Label], parts: &[PathBuf]) -> Result<(), Failure> {
+    let of_part = |part: &PathBuf| runner::program_of(&Store(part.clone()));
+    let programs = parts.iter().map(of_part).collect::<Result<Vec<Option<String>>, Failure>>()?;
+    let known = programs.iter().zip(parts).find_map(|(program, part)| Some((program.as_deref()?, part)));
+    if let Some((sha256, of)) = known {
+        let is_other =
+            |(program, _): &(&Option<String>, &PathBuf)| program.as_deref().is_some_and(|program| program != sha256);
+        if let Some((_, other)) = programs.iter().zip(parts).find(is_other) {
+            return Err(Failure::file(format!(
+                "{}: was answered by another program than {} (program.txt): run one of them again",
+                other.display(),
+                of.display()
+            )));
+        }
+    }
+    match known {
+        Some((sha256, _)) if programs.iter().all(Option::is_some) => {
+            runner::settle_program(store, runner::program_of(store)?.as_deref(), sha256)?;
+        }
+        _ => output::warn(&[runner::NOT_KNOWN.to_owned()]),
+    }
     let mut missing = Vec::new();
     for label in labels {
         let holds = |part: &&PathBuf| runner::ran(&Store((*part).clone()).case(&label.id)).is_some();
@@ -146,11 +183,18 @@ fn take(from: &Store, to: &Store, id: &str) -> Result<(), Failure> {
     let folders: [fn(&Store, &str) -> PathBuf; 3] = [Store::case, Store::left_out, Store::active];
     for folder in folders {
         let (from, to) = (folder(from, id), folder(to, id));
-        let Ok(entries) = fs::read_dir(&from) else { continue };
-        for entry in entries {
-            let path = entry.map_err(|e| Failure::file(format!("{}: {e}", from.display())))?.path();
-            let name = output::file_name(&path);
-            write(&to.join(name), read(&path)?.as_bytes())?;
+        // A second diagnosis that was killed is none.
+        if runner::ran(&from).is_none() {
+            continue;
+        }
+        let unreadable = |e| Failure::file(format!("{}: {e}", from.display()));
+        let entries = fs::read_dir(&from).map_err(unreadable)?;
+        let mut paths: Vec<PathBuf> =
+            entries.map(|entry| Ok(entry.map_err(unreadable)?.path())).collect::<Result<_, Failure>>()?;
+        // What says that all is there comes last.
+        paths.sort_by_key(|path| path.ends_with(runner::DONE));
+        for path in paths {
+            write(&to.join(output::file_name(&path)), read(&path)?.as_bytes())?;
         }
     }
     Ok(())

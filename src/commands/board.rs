@@ -115,7 +115,7 @@ pub fn settings(path: &Path, rate_hz: f64) -> Result<Settings, Failure> {
 /// Refuses an unstable loop; what there is to warn of: small margins, and limits beyond what the rig stands.
 pub fn loop_warnings(settings: &Settings, rate_hz: f64, latency_s: f64, model: &Model) -> Result<Vec<String>, Failure> {
     let chain = model.chain();
-    let law = sampled_loop(settings, rate_hz, latency_s + chain.drive.delay_s);
+    let law = sampled_loop(settings, rate_hz, latency_s, &chain);
     let assessment = assess(&chain.linear_regions()?, &law)?;
     let mut warnings = Vec::new();
     match assessment.verdict {

@@ -74,7 +74,11 @@ pub fn compare(call: &IdentifyCall) -> Result<(), Failure> {
         let names: Vec<&str> = logs.iter().map(|log| log.name.as_str()).collect();
         let page = compare_page(&CompareView {
             subtitle: &format!("fitted to {}", names.join(", ")),
-            held_out: if found.whole_logs { "held-out logs" } else { "the last 30 % of each log" },
+            held_out: if found.whole_logs {
+                "held-out logs after their first 30 %"
+            } else {
+                "the last 30 % of each log"
+            },
             models: &models,
             noise_um: found.noise_m * 1e6,
             warnings: &warnings,

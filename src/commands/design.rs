@@ -6,7 +6,8 @@ use crate::output;
 use gap_diagnosis::page::{BodeView, DesignView, Ink, PlaneView, TableView, design_page, four_digits, pole};
 use plant_sim::controller::{Controller, InverseSection};
 use plant_sim::design::{
-    Branch, Check, Design, Frame, SINES_HZ, Skeleton, Wish, check, continuous, design as find, sampled_locus, tracking,
+    Branch, Check, Design, Frame, LowestRate, SINES_HZ, Skeleton, Wish, check, continuous, design as find,
+    sampled_locus, tracking,
 };
 use plant_sim::margins::{Assessment, LinearRegion, Verdict, closed_loop_poles, open_loop};
 use plant_sim::model::{Kind, Model};
@@ -57,6 +58,13 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
     let inverse = controller.inverse(call.rate, call.delay_us * 1e-6);
     let settings = controller.settings(call.rate);
     let frame = Frame { chain: &chain, settings, delay_s: call.delay_us * 1e-6, inverse: inverse.as_ref() };
+    let clamp_um = 1e6 * f64::from(settings.reference_max_m);
+    if call.step_um > clamp_um * (1.0 + f64::from(f32::EPSILON)) {
+        return Err(Failure::call(format!(
+            "--step-um {} lies beyond the clamp of the reference, {clamp_um:.1} um (of --controller, else five sixths of [rig] displacement_max_um): lower it",
+            call.step_um
+        )));
+    }
     let wish = Wish {
         settling_s: call.settle_ms * 1e-3,
         overshoot_percent: call.overshoot,
@@ -441,7 +449,12 @@ fn check_facts(found: &Check, tracked: Option<[f64; 5]>) -> Vec<(String, String)
         value.map_or("none: unstable as it is".to_owned(), |value| four_digits(value * scale, unit))
     };
     facts.push(("largest stable delay".to_owned(), or_none(found.largest_delay_s, 1e6, "us")));
-    facts.push(("lowest stable rate".to_owned(), or_none(found.lowest_rate_hz, 1.0, "Hz")));
+    let (words, rate_hz) = match found.lowest_rate {
+        Some(LowestRate::AtMost(hz)) => ("lowest stable rate, at most", Some(hz)),
+        Some(LowestRate::Edge(hz)) => ("lowest stable rate", Some(hz)),
+        None => ("lowest stable rate", None),
+    };
+    facts.push((words.to_owned(), or_none(rate_hz, 1.0, "Hz")));
     if let Some(worst) = found.peaks.first() {
         facts.push(("worst peak".to_owned(), four_digits(worst.peak_m * 1e6, "um")));
     }
@@ -469,7 +482,8 @@ fn check_json(found: &Check, tracked: Option<[f64; 5]>) -> serde_json::Value {
         "phase_margin_deg": found.assessment.phase_margin_deg.value,
         "delay_margin_us": found.assessment.delay_margin_s.value * 1e6,
         "largest_stable_delay_us": found.largest_delay_s.map(|s| s * 1e6),
-        "lowest_stable_rate_hz": found.lowest_rate_hz,
+        "lowest_stable_rate_hz": found.lowest_rate.map(|(LowestRate::Edge(hz) | LowestRate::AtMost(hz))| hz),
+        "is_lowest_rate_found": matches!(found.lowest_rate, Some(LowestRate::Edge(_))),
         "certified": found.certificate.as_ref().map(|c| c.is_certified),
         "certificate": found.certificate.as_ref().map(|c| c.statement.clone()),
         "peaks": peaks.collect::<Vec<_>>(),

@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::diagnose::{self, Diagnosis, Loop, Options};
 use gap_diagnosis::locate::strongest;
+use gap_diagnosis::responses::MOST_ROWS as MOST_ROWS_OF_RESPONSE;
 use plant_sim::controller::Controller;
 use plant_sim::log::Log;
 use plant_sim::model::{Kind, Model};
@@ -100,10 +101,13 @@ fn check_directory(call: &DiagnoseCall) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Leaves the columns that a diagnosis reads: of ten minutes at 20 kHz each takes a hundred megabytes.
+/// Leaves the columns that a diagnosis reads: of ten minutes at 20 kHz each takes a hundred megabytes. A reference is read for the frequency
+/// response only, which logs as long as that have none of.
 fn forget_unused(log: &mut Log) {
+    let is_long = log.len() > MOST_ROWS_OF_RESPONSE;
     let Log { reference_m, current_a, temperature_c, limited_by, seq, .. } = log;
-    [reference_m, current_a, temperature_c, limited_by, seq].into_iter().for_each(|column| *column = None);
+    [current_a, temperature_c, limited_by, seq].into_iter().for_each(|column| *column = None);
+    reference_m.take_if(|_| is_long);
 }
 
 /// Writes all files beside their places and then puts them there, so that a failure leaves what was.

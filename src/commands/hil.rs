@@ -180,7 +180,7 @@ fn loops(controller: &Path, rate_hz: f64, latency_s: f64, chain: &Chain) -> Vec<
     let verdict = |path: &PathBuf| {
         // What lies there and is no controller, or none for this rate, is nobody's concern here.
         let settings = Controller::read(path).ok()?.settings(rate_hz);
-        let law = sampled_loop(&settings, rate_hz, latency_s + chain.drive.delay_s);
+        let law = sampled_loop(&settings, rate_hz, latency_s, chain);
         let told =
             assess(&chain.linear_regions().ok()?, &law).map_or_else(|error| error.to_string(), |a| a.to_string());
         Some(format!("{} {told}", output::file_name(path)))

@@ -1,5 +1,6 @@
 //! `hysteron replay`: the logged command through a plant, row by row, so that a log of any length fits in memory.
 
+use super::identify::MOST_ROWS;
 use crate::arguments::ReplayCall;
 use crate::failure::Failure;
 use crate::output;
@@ -14,8 +15,10 @@ use plant_sim::model::Model;
 use plant_sim::replay::{Commands, Initial, Start, Stream};
 use std::collections::VecDeque;
 
-/// Rows that are kept in memory: for the fit of the start, for warnings, and for the residual's autocorrelation.
+/// Rows after the run-in that are kept in memory: for the fit of the start, for warnings, and for the residual's autocorrelation.
 const HEAD_ROWS: usize = 200_000;
+/// Rows of a run-in that are kept besides, where a start is fitted.
+const MOST_RUN_IN: usize = MOST_ROWS - HEAD_ROWS;
 /// Rows that the page keeps; beyond, every second one is dropped, and so on.
 const PAGE_ROWS: usize = 400_000;
 /// Rows whose commands are forgotten together.
@@ -84,13 +87,16 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The beginning of the log.
+/// The beginning of the log, with the run-in where the start is fitted to what comes after it.
 fn head(call: &ReplayCall) -> Result<Log, Failure> {
     let mut reader = log::open(&call.log, &call.read.options())?;
     let mut head = Log { name: output::file_name(&call.log), ..Log::default() };
     let force = reader.has(Column::Force);
     let mut force_n = Vec::new();
-    for row in reader.by_ref().take(HEAD_ROWS) {
+    let run_in_s = call.start.run_in.or(reader.meta().run_in_s).unwrap_or(0.0);
+    let is_fitted = call.start.initial != Initial::Relaxed;
+    let run_in = if is_fitted { (run_in_s / reader.dt_s()).round() as usize } else { 0 };
+    for row in reader.by_ref().take(run_in.min(MOST_RUN_IN) + HEAD_ROWS) {
         let row = row?;
         if head.command_v.is_empty() {
             head.time_start_s = row.time_s;
@@ -98,6 +104,13 @@ fn head(call: &ReplayCall) -> Result<Log, Failure> {
         head.command_v.push(row.command_v);
         head.displacement_m.push(row.displacement_m);
         force_n.push(row.force_n.unwrap_or(0.0));
+    }
+    // A log that ends before that is whole.
+    if run_in > MOST_RUN_IN && head.command_v.len() == MOST_RUN_IN + HEAD_ROWS {
+        return Err(Failure::call(format!(
+            "{}: a run-in of {run_in_s} s is {run_in} rows, more than the {MOST_RUN_IN} that are kept: cut the log or shorten --run-in",
+            head.name
+        )));
     }
     head.dt_s = reader.dt_s();
     head.meta = reader.meta().clone();
@@ -258,6 +271,7 @@ impl Shown {
             subtitle: &format!("{} on {log}", model.name),
             headline: &format!("The plant explains {fit_percent:.2} % of {log}."),
             time_s: &self.time_s,
+            kept: gap_diagnosis::page::Kept { rows: self.rows, stride: self.stride },
             command_v: &self.command_v,
             measured_um: &self.measured_um,
             predicted_um: &self.predicted_um,

@@ -41,7 +41,7 @@ fn print(found: &Reproduction) {
     let count = |is: fn(&Verdict) -> bool| found.count(is).to_string();
     output::facts(&[
         ("to their printed digits".into(), count(|v| *v == Verdict::Agrees)),
-        ("of an independent solver, within 1 %".into(), count(|v| *v == Verdict::Within)),
+        ("of an independent solver, within 1 % or half a last digit".into(), count(|v| *v == Verdict::Within)),
         ("errata".into(), count(|v| matches!(v, Verdict::Erratum { .. }))),
         ("measured or chosen, not computable".into(), count(|v| *v == Verdict::Given)),
         ("unexplained".into(), count(|v| *v == Verdict::Differs)),

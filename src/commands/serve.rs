@@ -43,6 +43,7 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
         plant,
         bench,
         controller: (output::file_name(&call.controller), settings),
+        image: call.at.image.as_deref().map(output::named).transpose()?,
         runs: call.runs.clone(),
     })?;
     output::line(&server.address());

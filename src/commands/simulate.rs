@@ -152,7 +152,7 @@ fn stability(
     warnings: &mut Vec<String>,
 ) -> Result<String, Failure> {
     let regions = chain.linear_regions()?;
-    let law = sampled_loop(settings, call.rate, delay_s(call) + chain.drive.delay_s);
+    let law = sampled_loop(settings, call.rate, delay_s(call), chain);
     let assessment = assess(&regions, &law)?;
     let advice = || -> Result<String, Failure> {
         Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {

@@ -105,12 +105,14 @@ impl Browser {
         result["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression, or what it promises, is true.
     pub fn wait(&mut self, expression: &str, seconds: u64) {
         let until = Instant::now() + Duration::from_secs(seconds);
         loop {
             // While it loads, the page lacks what it will have.
-            let guarded = format!("(() => {{ try {{ return Boolean({expression}) }} catch {{ return false }} }})()");
+            let guarded = format!(
+                "(async () => {{ try {{ return Boolean(await ({expression})) }} catch {{ return false }} }})()"
+            );
             if self.eval(&guarded) == true {
                 return;
             }

@@ -5,6 +5,7 @@ mod browser;
 mod support;
 
 use browser::{Browser, chromium};
+use serde_json::json;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -71,9 +72,14 @@ fn pictures() -> PathBuf {
 
 /// Takes control again, should the browser have been too busy to keep it.
 fn hold(page: &mut Browser) {
-    page.wait("document.body.dataset.control !== 'other'", 10);
-    page.eval("document.body.dataset.control === 'mine' || document.getElementById('control').click()");
-    page.wait("document.body.dataset.control === 'mine'", 10);
+    page.wait("document.body.dataset.control === 'mine' || (document.getElementById('control').click(), false)", 20);
+}
+
+/// Chooses or types a value and leaves the field.
+fn choose(page: &mut Browser, id: &str, value: &str) {
+    page.eval(&format!(
+        "(() => {{ const field = document.getElementById('{id}'); field.value = '{value}'; field.dispatchEvent(new Event('change')) }})()"
+    ));
 }
 
 const MODE: &str = "document.getElementById('mode').textContent";
@@ -202,6 +208,97 @@ fn a_bench_is_driven_tuned_recorded_diagnosed_and_its_gap_made_smaller() {
     page.wait("document.querySelectorAll('canvas').length > 3", 20);
     page.picture(1280, 800, &pictures.join("report-1280.png"));
     println!("pictures: {}", pictures.display());
+}
+
+/// The page's newest socket, to be cut by a test; and what its CSV button makes, without a file.
+const HOOKS: &str = "window.WebSocket = class extends WebSocket { constructor(...all) { super(...all); window.newest = this; } }; \
+    URL.createObjectURL = (blob) => { window.saved = blob; return 'data:,'; }; HTMLAnchorElement.prototype.click = () => {};";
+
+/// Rows that the plots show.
+const ROWS: &str = "(document.getElementById('export').click(), window.saved.text()).then((text) => text.trim().split('\\n').slice(1))";
+
+#[test]
+fn a_page_that_was_cut_off_goes_on_and_shows_no_old_value() {
+    let Some(program) = chromium() else {
+        println!("not run: no chromium on this machine");
+        return;
+    };
+    let folder = Folder::new("page-cut");
+    let served = Served::start(&folder, "");
+    let mut page = Browser::start(&program, &folder.path("profile"));
+    page.call("Page.enable", &json!({}));
+    page.call("Page.addScriptToEvaluateOnNewDocument", &json!({ "source": HOOKS }));
+    page.open(&served.address);
+    for button in ["control", "arm", "run"] {
+        page.click(button);
+    }
+    page.wait("Number(document.getElementById('now-reference').textContent) === 20", 10);
+    let rows = |page: &mut Browser, wanted: &str| page.wait(&format!("{ROWS}.then((rows) => {wanted})"), 20);
+    let last = "Number(rows.at(-1)?.split(',')[0])";
+    rows(&mut page, &format!("rows.length > 100 && {last} > 4"));
+
+    // No number of before stands there as if it were one of now; then the plots go on, and not with what came before alone.
+    let cut = "new Promise((done) => { window.newest.addEventListener('close', () => setTimeout(() => done( \
+               ['reference', 'displacement', 'drive', 'gap'].map((name) => document.getElementById(`now-${name}`).textContent).join('')))); \
+               window.newest.close(); })";
+    assert_eq!(page.eval(cut), "––––");
+    page.wait(
+        "document.getElementById('banner').hidden && document.getElementById('now-drive').textContent !== '–'",
+        10,
+    );
+    page.eval("window.since = Infinity");
+    rows(
+        &mut page,
+        &format!(
+            "{{ window.since = Math.min(window.since, {last} || Infinity); return rows.length > 100 && {last} > window.since + 0.5; }}"
+        ),
+    );
+
+    // A paused view that was being asked for is asked for again: two seconds back, of which the live columns know nothing since the cut.
+    page.eval("document.activeElement.blur()");
+    page.key("p", 80);
+    rows(&mut page, "rows.length > 100");
+    page.eval("(() => { for (let k = 0; k < 40; k++) window.dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowLeft' })); window.newest.close(); })()");
+    rows(&mut page, "rows.length > 100");
+    // Back to live with another window: that one, in its own columns. 10 ms are 200 samples.
+    choose(&mut page, "window", "0.01");
+    page.click("pause");
+    rows(&mut page, "rows.length > 150");
+
+    // A trigger that waits for what never comes waits for what it is changed to.
+    hold(&mut page);
+    page.fill("spec", "sine:20um@20Hz");
+    page.click("play");
+    for button in ["arm", "run"] {
+        page.click(button);
+    }
+    page.fill("trigger-level", "1000");
+    page.click("single");
+    page.wait("document.getElementById('scope-state').textContent.startsWith('waiting')", 10);
+    choose(&mut page, "trigger-level", "5");
+    page.wait("document.getElementById('scope-state').textContent.includes('captured')", 10);
+
+    // An emptied field stays empty while other things change; a thin margin is told where one looks.
+    page.eval("document.querySelector('[data-tab=parameters]').click()");
+    page.eval("document.getElementById('parameter-ki').focus()");
+    page.fill("parameter-ki", "");
+    page.fill("spec", "sine:10um@20Hz");
+    page.click("play");
+    page.wait("document.getElementById('playing').textContent.includes('10um')", 10);
+    assert_eq!(page.eval("document.getElementById('parameter-ki').value"), "");
+    page.fill("parameter-kp", "2");
+    page.click("apply");
+    page.wait("document.getElementById('message').title.includes('dB')", 10);
+
+    // Enter ticks a box, Space stops also there.
+    page.eval("document.getElementById('spectrum-on').focus()");
+    page.key("Enter", 13);
+    page.wait("!document.getElementById('spectrum-on').checked", 10);
+    assert_eq!(page.eval(MODE), "running");
+    page.key(" ", 32);
+    page.wait(&format!("{MODE} === 'idle'"), 10);
+    assert_eq!(page.eval("document.getElementById('spectrum-on').checked"), false);
+    assert!(page.complaints.is_empty(), "{:?}", page.complaints);
 }
 
 #[test]

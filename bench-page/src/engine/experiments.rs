@@ -3,6 +3,7 @@
 //! All are open-loop commands, because a loop hides what it corrects, and small enough that an effect nobody knows of has room below the trip.
 //! Before each, a sine that dies away takes out of the hysterons what the one before left in them.
 
+use super::Source;
 use plant_sim::model::Model;
 use wire::{SegmentRecord, Wave};
 
@@ -13,6 +14,9 @@ const USUAL_V: f64 = 30.0;
 /// The dying sine, hertz and seconds.
 const DEMAGNETISE: (f32, f64) = (20.0, 0.4);
 
+/// Least volts of the largest part: below, the smallest one, four tenths of it, is rounded to 0 V.
+const LEAST_V: f64 = 0.125;
+
 /// One experiment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Experiment {
@@ -22,6 +26,24 @@ pub struct Experiment {
     pub spec: String,
     /// Whether it is for scoring only.
     pub is_held_out: bool,
+}
+
+/// Whether there is a set for this plant: its commands have both signs.
+///
+/// # Errors
+/// The line that says what to do instead.
+pub fn check(plant: &Source) -> Result<(), String> {
+    if amplitude_v(&plant.model) >= LEAST_V {
+        return Ok(());
+    }
+    let stands =
+        plant.model.rig.as_ref().map_or_else(String::new, |rig| {
+            format!(" stands {} to {} V", rig.drive_min_v.value, rig.drive_max_v.value)
+        });
+    Err(format!(
+        "the experiment set drives both ways and {}{stands}: play SPECs of your own, record each, and give the logs to `hysteron diagnose`",
+        plant.name
+    ))
 }
 
 /// The set for a bench, whose limits the nominal plant states.
@@ -78,6 +100,7 @@ fn amplitude_v(model: &Model) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plant_sim::param::Param;
     use plant_sim::spec::Spec;
     use std::path::Path;
     use virtual_board::waveform::Waveform;
@@ -96,5 +119,28 @@ mod tests {
             }
         }
         assert_eq!(set(&model).iter().filter(|experiment| experiment.is_held_out).count(), 1);
+    }
+
+    #[test]
+    fn a_stack_that_stands_no_negative_volts_is_told_what_to_do() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/thesis-phs.toml");
+        let mut plant = Source { name: "stack.toml".into(), bytes: Vec::new(), model: Model::read(&path).unwrap() };
+        let mut with = |least_v: f64| {
+            if let Some(rig) = &mut plant.model.rig {
+                rig.drive_min_v = Param { value: least_v, ..rig.drive_min_v.clone() };
+            }
+            let values =
+                set(&plant.model).iter().filter(|one| one.spec.contains(":0V") || one.spec.contains(":-0V")).count();
+            (check(&plant), values)
+        };
+        let (refused, silent) = with(0.0);
+        assert_eq!(silent, 5);
+        assert!(
+            refused
+                .is_err_and(|line| line.contains("stack.toml stands 0 to 90 V") && line.contains("SPECs of your own"))
+        );
+        // The least that is played is played in every part.
+        assert_eq!(with(-LEAST_V), (Ok(()), 0));
+        assert!(with(-0.99 * LEAST_V).0.is_err());
     }
 }

@@ -67,6 +67,8 @@ pub struct Setting {
     pub bench: Option<Source>,
     /// The controller's settings, and the name of their file.
     pub controller: (String, Settings),
+    /// Name and content of a virtual board's flash image.
+    pub image: Option<(String, Vec<u8>)>,
     /// Folder of the run directories and saved sets.
     pub runs: PathBuf,
 }
@@ -226,6 +228,16 @@ impl Shared {
     /// Says what takes its time.
     pub(crate) fn set_task(&self, task: Option<Task>) {
         *lock(&self.task) = task;
+    }
+
+    /// What takes its time.
+    pub(crate) fn task(&self) -> Option<Task> {
+        lock(&self.task).clone()
+    }
+
+    /// How a diagnosis ended, to be asked once.
+    pub(crate) fn take_ended(&self) -> Option<Result<(), String>> {
+        lock(&self.diagnosing).take()
     }
 
     /// The end of a diagnosis.

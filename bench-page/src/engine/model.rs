@@ -53,7 +53,7 @@ pub fn judge(
     settings: &Settings,
     latency_s: f64,
 ) -> Result<Result<Option<String>, String>, MarginError> {
-    let law = sampled_loop(settings, f64::from(settings.rate_hz), latency_s + chain.drive.delay_s);
+    let law = sampled_loop(settings, f64::from(settings.rate_hz), latency_s, chain);
     let assessment = assess(&chain.linear_regions()?, &law)?;
     Ok(match assessment.verdict {
         Verdict::Unstable { .. } => Err(assessment.to_string()),

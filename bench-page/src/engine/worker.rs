@@ -1,7 +1,8 @@
 //! The engine's thread: samples and pace. Beside it: [`orders`], the experiment [`set`], and what is [`publish`]ed.
 //!
-//! A chunk of samples lasts a few milliseconds, then orders are looked after: so a stop waits no longer than that. Where the link is slower than wall
-//! time the loop runs as fast as it goes and says how fast that is; it never hurries afterwards to make up for it.
+//! A chunk of samples lasts a few milliseconds, then orders are looked after: so a stop waits no longer than that. What takes longer (the margins of
+//! a new set, a diagnosis) is done in threads beside this one. Where the link is slower than wall time
+//! the loop runs as fast as it goes and says how fast that is; it never hurries afterwards to make up for it.
 
 mod orders;
 mod publish;
@@ -48,6 +49,8 @@ struct Line {
     own: Parameters,
     ready: Ready,
     bench: Bench,
+    /// Seed of the bench's noise.
+    seed: u64,
     last: Row,
     mode: u8,
     account: Status,
@@ -113,6 +116,8 @@ struct Worker<'a> {
     recent_gap: VecDeque<(f64, u64)>,
     is_set_running: bool,
     is_set_stopped: bool,
+    /// A new set's margins are being computed: what else is asked for meanwhile would meet a set that may be another one at once.
+    is_judging: bool,
     samples: u64,
     pace: Pace,
     turn: Histogram,
@@ -180,6 +185,7 @@ impl<'a> Worker<'a> {
             recent_gap: VecDeque::from([(0.0, 0)]),
             is_set_running: false,
             is_set_stopped: false,
+            is_judging: false,
             samples: 0,
             pace: Pace { at: now, samples: 0, marks: VecDeque::new() },
             turn: Histogram::default(),
@@ -210,20 +216,28 @@ impl<'a> Worker<'a> {
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
                 Err(mpsc::RecvTimeoutError::Disconnected) => return self.leave(),
             }
-            while let Ok(order) = self.orders.try_recv() {
-                self.obey(order);
-            }
+            self.go_on();
             if self.has_left {
                 return;
             }
-            if !self.is_resting() {
-                let due = self.due();
-                self.chunk(due);
-            }
-            self.look_at_diagnosis();
-            if self.published.elapsed() >= STATUS {
-                self.publish();
-            }
+        }
+    }
+
+    /// Orders that have come, samples that are due, the state of the moment.
+    fn go_on(&mut self) {
+        while let Ok(order) = self.orders.try_recv() {
+            self.obey(order);
+        }
+        if self.has_left {
+            return;
+        }
+        if !self.is_resting() {
+            let due = self.due();
+            self.chunk(due);
+        }
+        self.look_at_diagnosis();
+        if self.published.elapsed() >= STATUS {
+            self.publish();
         }
     }
 
@@ -322,8 +336,7 @@ impl<'a> Worker<'a> {
                 }
             }
         }
-        let is_closed_loop = self.hosted.as_ref().map_or(self.play.is_closed_loop, |hosted| hosted.is_closed_loop);
-        let follows = is_closed_loop && line.mode == ModeName::Running as u8;
+        let follows = line.mode == ModeName::Running as u8 && is_closed_loop(self.hosted.as_ref(), &self.play);
         let um = |metres: f64| (metres * 1e6) as f32;
         let if_follows = |value| if follows { value } else { f32::NAN };
         let column = Column::of(
@@ -340,7 +353,7 @@ impl<'a> Worker<'a> {
         if let Some(recorder) = &mut self.recorder {
             let now = line.session.link().now();
             if let Err(error) = recorder.row(&row, now, line.session.statistics()) {
-                self.end_recording(Some(&error.to_string()));
+                let _ = self.end_recording(Some(&error.to_string()));
             }
         }
         Ok(column)
@@ -434,7 +447,13 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// Opens the link and prepares the board; the bench at its start. One that comes back as it was `left` has its own set still to come.
+/// Whether what plays is a reference.
+fn is_closed_loop(hosted: Option<&Hosted>, play: &Play) -> bool {
+    hosted.map_or(play.is_closed_loop, |hosted| hosted.is_closed_loop)
+}
+
+/// Opens the link and prepares the board; the bench at its start. One that comes back gets the law and limits that it was `left` with, and if it still
+/// has that set, its own one is still to come.
 fn connect(setting: &Setting, clear_fault: bool, left: Option<[Parameters; 2]>) -> Result<Line, BoardError> {
     let link = (setting.open)().map_err(SessionError::from)?;
     let mut session = Session::new(link).with_patience(setting.patience);
@@ -442,7 +461,8 @@ fn connect(setting: &Setting, clear_fault: bool, left: Option<[Parameters; 2]>) 
     idle::<_, RunError>(&mut session, clear_fault)?;
     let found = session.parameters()?;
     let own = left.filter(|[_, last]| *last == found).map_or(found, |[own, _]| own);
-    let prepared = prepare::<_, RunError>(&mut session, &setting.controller.1, &Waveform::default(), false)
+    let settings = left.map_or(setting.controller.1, |[_, last]| last.settings());
+    let prepared = prepare::<_, RunError>(&mut session, &settings, &Waveform::default(), false)
         .and_then(|ready| Ok((ready, session.status()?)));
     let (ready, account) = match prepared {
         Ok(prepared) => prepared,
@@ -452,8 +472,9 @@ fn connect(setting: &Setting, clear_fault: bool, left: Option<[Parameters; 2]>) 
             return Err(error);
         }
     };
-    let bench = bench(setting, ready.latency_s, setting.seed);
-    Ok(Line { session, own, ready, bench, last: Row::BEFORE, mode: account.mode, account })
+    let seed = setting.seed;
+    let bench = bench(setting, ready.latency_s, seed);
+    Ok(Line { session, own, ready, bench, seed, last: Row::BEFORE, mode: account.mode, account })
 }
 
 fn bench(setting: &Setting, latency_s: f64, seed: u64) -> Bench {

@@ -37,11 +37,10 @@ pub fn file(name: &str) -> PathBuf {
 }
 
 pub fn start(open: Open) -> Bench {
-    start_with("models/thesis-phs.toml", open)
+    serve(setting("models/thesis-phs.toml", open))
 }
 
-pub fn start_with(model: &str, open: Open) -> Bench {
-    let setting = setting(model, open);
+pub fn serve(setting: Setting) -> Bench {
     let runs = setting.runs.clone();
     let server = Server::bind("127.0.0.1:0".parse().expect("an address")).expect("a free port");
     let address = server.address();
@@ -75,6 +74,7 @@ pub fn setting(model: &str, open: Open) -> Setting {
         plant,
         bench: None,
         controller: ("pi1.toml".into(), settings),
+        image: None,
         runs,
     }
 }

@@ -12,6 +12,7 @@ use super::next::{NextExperiment, next_experiment};
 use super::plants::{Begun, Benches, Played, Variant};
 use super::random::{Random, beyond_stated, lost, more_than_stated, repeated, size_of_scatter};
 use super::refit::{has_gap, led_without_one, refitted};
+use super::report::responses_of;
 use super::screen::Lead;
 use super::search::Search;
 use super::starts::START_SHARE;
@@ -19,6 +20,7 @@ use super::verdict::{Class, Ranked, Verdict, hidden_gains, leading, named, proba
 use super::{Options, Say};
 use crate::identify::parameters::Quantity;
 use crate::locate::{StagePart, Trace, Where, locate, strongest};
+use crate::page::{Kept, ResponseView};
 use crate::residual::{Autocorrelation, LAGS, noise_rms};
 use plant_sim::effects::{Kind, Stage, find};
 use plant_sim::model::Model;
@@ -71,6 +73,8 @@ pub struct Diagnosis {
     /// Where the gap lies after the refit.
     #[serde(rename = "where")]
     pub location: Where,
+    /// The fit that leaves least, whether it is believed or not; none where nothing was fitted.
+    pub best_fit: Option<BestFit>,
     /// What stays.
     pub unexplained: Unexplained,
     /// What to measure next.
@@ -91,6 +95,15 @@ pub struct Diagnosis {
     /// What the page shows beside this.
     #[serde(skip)]
     pub evidence: Evidence,
+}
+
+/// The fit that leaves least.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BestFit {
+    /// Its effects.
+    pub effects: Vec<String>,
+    /// Rms that it leaves of the fitted rows, over that of the noise. What scatters takes nothing of it, as no row is predicted by it.
+    pub rms_over_noise: f64,
 }
 
 /// What no entry explains.
@@ -115,6 +128,8 @@ pub struct Evidence {
     pub location_after: Option<Where>,
     /// Logs with predictions, fitted ones first.
     pub logs: Vec<LogEvidence>,
+    /// Frequency responses, from every row of the logs that are not too long for it.
+    pub responses: Vec<ResponseView>,
     /// Explanations that were fitted and not named, most probable first.
     pub rivals: Vec<Rival>,
     /// Fraction of the gap that the named one leaves, as amplitude.
@@ -132,7 +147,9 @@ pub struct LogEvidence {
     pub name: String,
     /// Whether no fit saw it.
     pub is_held_out: bool,
-    /// Seconds between the rows kept.
+    /// Which of its rows are here.
+    pub kept: Kept,
+    /// Seconds between these.
     pub dt_s: f64,
     /// Time of the first row.
     pub from_s: f64,
@@ -150,8 +167,6 @@ pub struct LogEvidence {
     pub augmented_m: Vec<f64>,
     /// Noise, metres rms.
     pub noise_m: f64,
-    /// Rows per period that the log states.
-    pub period_samples: Option<usize>,
 }
 
 /// An explanation that was fitted and not named.
@@ -258,6 +273,7 @@ pub(super) fn answer(
 
     say("locating", 0.94);
     let logs = logs(benches, &three);
+    let responses = responses_of(benches, &three);
     // Ten minutes are a hundred megabytes a column.
     let Three { refit, augmented, .. } = three;
     let mut location = located(benches, &refit);
@@ -311,6 +327,7 @@ pub(super) fn answer(
         parameters: found.estimates(bench),
         changed: found.changed(bench),
         location,
+        best_fit: best_fit(course.explanations.iter().map(|e| (e.judged.ids.as_slice(), e.candidate.chi))),
         unexplained,
         next_experiment,
         no_experiment_reason,
@@ -322,6 +339,7 @@ pub(super) fn answer(
         evidence: Evidence {
             location_after: Some(location_after),
             logs,
+            responses,
             rivals: rivals(course, explanation),
             named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
@@ -534,6 +552,7 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
         LogEvidence {
             name: log.name.clone(),
             is_held_out: index >= fitted,
+            kept: Kept { rows: log.len(), stride },
             dt_s: stride as f64 * log.dt_s,
             from_s: log.time_start_s,
             run_in: record.run_in.div_ceil(stride),
@@ -543,10 +562,16 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
             refit_m: thin(&three.refit[index]),
             augmented_m: thin(&three.augmented[index]),
             noise_m: record.noise_m,
-            period_samples: log.meta.period_samples.filter(|_| stride == 1),
         }
     };
     benches.records().enumerate().map(one).collect()
+}
+
+/// Of fits with these effects and these mean squares over that of the noise; equals are told by the first.
+fn best_fit<'a>(fits: impl Iterator<Item = (&'a [&'static str], f64)>) -> Option<BestFit> {
+    let (ids, chi) = fits.filter(|(_, chi)| chi.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let effects = ids.iter().map(|id| (*id).to_owned()).collect();
+    Some(BestFit { effects, rms_over_noise: chi.max(0.0).sqrt() })
 }
 
 fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
@@ -566,6 +591,18 @@ fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_best_fit_is_the_one_that_leaves_least() {
+        let of = |fits: &[(&'static [&'static str], f64)]| best_fit(fits.iter().copied());
+        let pair: &[&str] = &["creep", "backlash"];
+        let best = of(&[(&["end_stop"], 9.0), (pair, 4.0), (&["creep"], 4.0), (&["mains_hum"], f64::NAN)]);
+        assert_eq!(
+            best.map(|best| (best.effects.join(" "), best.rms_over_noise)),
+            Some(("creep backlash".into(), 2.0))
+        );
+        assert_eq!(of(&[]), None);
+    }
 
     #[test]
     fn a_long_log_counts_for_no_longer_than_a_held_out_one_lasts() {

@@ -45,7 +45,7 @@ pub mod symmetry;
 mod usual;
 mod verdict;
 
-pub use answer::{Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};
+pub use answer::{BestFit, Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};
 pub use augment::{Changed, Estimate};
 pub use closed_loop::{ClosedLoop, Loop};
 pub use error::DiagnoseError;

@@ -1,13 +1,15 @@
 //! The page of a diagnosis: what [`Diagnosis`] and its evidence say, put into a [`DiagnosisView`], and the verdict in one sentence.
 
 use super::answer::{Diagnosis, LogEvidence, Rival};
-use super::verdict::{Verdict, probability};
+use super::gap::Three;
+use super::plants::Benches;
+use super::verdict::{Verdict, leading, probability};
 use crate::locate::strongest;
 use crate::page::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, Ink, NextView, Page,
-    RankView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
+    RankView, ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
 };
-use crate::responses::{Played, responses};
+use crate::responses::{MOST_ROWS, Played, responses_in_loops};
 use plant_sim::effects::find;
 
 /// A fit whose numbers shift by more than this, in squares of sigma, bends the plant.
@@ -46,9 +48,9 @@ impl Diagnosis {
                 strongest(&self.location)
             ),
             Verdict::Explained => {
-                let titles: Vec<String> = self.effects.iter().map(|id| self.title(id)).collect();
+                let first = leading(&self.effects, |id| probability(&self.ranking, id));
+                let named = with_stage(&self.effects, first.zip(self.stage), |id| self.title(id));
                 let of_named: f64 = self.effects.iter().map(|id| probability(&self.ranking, id)).sum();
-                let stage = self.stage.map_or(String::new(), |stage| format!(" ({stage})"));
                 let open = if self.classes.is_empty() {
                     String::new()
                 } else {
@@ -61,8 +63,7 @@ impl Diagnosis {
                 } else {
                     String::new()
                 };
-                let named = titles.join(" and ");
-                format!("The gap is {named}{stage}, {:.0} %{open}{or_none}: {shrink}.", 100.0 * of_named)
+                format!("The gap is {named}, {:.0} %{open}{or_none}: {shrink}.", 100.0 * of_named)
             }
         }
     }
@@ -101,7 +102,12 @@ impl Diagnosis {
             title: title.to_owned(),
             subtitle: subtitle.to_owned(),
             verdict: self.sentence(),
-            warnings: self.warnings.clone(),
+            warnings: self
+                .warnings
+                .iter()
+                .cloned()
+                .chain(self.evidence.logs.iter().filter_map(shown_in_part))
+                .collect(),
             gap: GapView {
                 headline: gap.headline.to_owned(),
                 nominal_rms_um: gap.nominal_rms_um,
@@ -163,7 +169,7 @@ impl Diagnosis {
             location: Some(self.location.clone()),
             location_after: self.evidence.location_after.clone(),
             logs: self.evidence.logs.iter().map(diagnosed).collect(),
-            responses: responses(&self.evidence.logs.iter().map(played).collect::<Vec<_>>()),
+            responses: self.evidence.responses.clone(),
             rivals: self.evidence.rivals.iter().map(|rival| self.rival(rival)).collect(),
             unexplained: (self.unexplained.rms_um > 0.0).then(|| UnexplainedView {
                 rms_um: self.unexplained.rms_um,
@@ -259,6 +265,15 @@ impl Diagnosis {
     }
 }
 
+/// The titles of `effects`, and behind that of the most probable, which need not be the last, where it acts.
+fn with_stage(effects: &[String], stage: Option<(&str, &str)>, title: impl Fn(&str) -> String) -> String {
+    let of = |id: &String| match stage.filter(|(first, _)| *first == id.as_str()) {
+        Some((_, stage)) => format!("{} ({stage})", title(id)),
+        None => title(id),
+    };
+    effects.iter().map(of).collect::<Vec<String>>().join(" and ")
+}
+
 /// Whether a rival leaves much of what shows in one log or octave, though little of the whole gap.
 fn misses_a_part(rival: &Rival) -> bool {
     rival.of_worst > rival.left.max(LEAVES)
@@ -281,6 +296,7 @@ fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
     DiagnosedLog {
         name: log.name.clone(),
         is_held_out: log.is_held_out,
+        kept: log.kept,
         time_s: (0..log.measured_m.len()).map(|k| log.from_s + k as f64 * log.dt_s).collect(),
         drive_v: log.drive_v.clone(),
         measured_um,
@@ -291,15 +307,32 @@ fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
     }
 }
 
-fn played(log: &LogEvidence) -> Played<'_> {
-    Played {
-        name: &log.name,
-        dt_s: log.dt_s,
-        period_samples: log.period_samples,
-        drive_v: &log.drive_v,
-        measured_m: &log.measured_m,
-        models: vec![("nominal", Ink::Error, &log.nominal_m), ("with the effects", Ink::Model, &log.augmented_m)],
-    }
+/// What the page says of a log that it doesn't show whole.
+fn shown_in_part(log: &LogEvidence) -> Option<String> {
+    let part = format!("{} is long: its plots and the rms beside them are of one row in {}", log.name, log.kept.stride);
+    let without = if log.kept.rows > MOST_ROWS { ", and no frequency response is taken of it" } else { "" };
+    (log.kept.stride > 1).then(|| format!("{part}{without}"))
+}
+
+/// Frequency responses of logs and of what the plants make of them. Every row counts: of some of them what is fast would fold onto what is slow.
+pub(super) fn responses_of(benches: &Benches<'_>, three: &Three) -> Vec<ResponseView> {
+    let logs = benches.records().zip(three.nominal.iter().zip(&three.augmented));
+    let short = logs.filter(|(record, _)| record.log.len() <= MOST_ROWS);
+    let (played, references_m): (Vec<Played<'_>>, Vec<Option<&[f64]>>) = short
+        .map(|(record, (nominal, augmented))| {
+            let log = record.log;
+            let played = Played {
+                name: &log.name,
+                dt_s: log.dt_s,
+                period_samples: log.meta.period_samples,
+                drive_v: log.drive_v.as_ref().unwrap_or(&log.command_v),
+                measured_m: &log.displacement_m,
+                models: vec![("nominal", Ink::Error, nominal), ("with the effects", Ink::Model, augmented)],
+            };
+            (played, log.reference_m.as_deref())
+        })
+        .unzip();
+    responses_in_loops(&played, &references_m)
 }
 
 /// By how much an error shrank, with its interval, or by how much it grew.
@@ -314,11 +347,29 @@ fn less(shrink_percent: f64, [low, high]: [f64; 2]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::page::Kept;
 
     #[test]
     fn an_error_that_grows_is_no_shrink() {
         assert_eq!(less(97.64, [97.0, 97.8]), "97.6 % less [97.0, 97.8]");
         assert_eq!(less(-4.4, [-7.2, 0.8]), "4.4 % more [-0.8, 7.2]");
+    }
+
+    #[test]
+    fn the_stage_stands_behind_the_effect_that_it_is_of() {
+        let effects = ["periodic_force", "creep"].map(str::to_owned);
+        let of = |stage| with_stage(&effects, stage, str::to_owned);
+        assert_eq!(of(Some(("periodic_force", "environment"))), "periodic_force (environment) and creep");
+        assert_eq!(of(Some(("creep", "structure"))), "periodic_force and creep (structure)");
+        assert_eq!(of(None), "periodic_force and creep");
+    }
+
+    #[test]
+    fn a_long_log_is_said_to_be_shown_in_part() {
+        let of = |rows, stride| shown_in_part(&LogEvidence { kept: Kept { rows, stride }, ..LogEvidence::default() });
+        assert_eq!(of(400_000, 1), None);
+        assert!(of(1_200_000, 3).is_some_and(|said| said.ends_with("one row in 3")));
+        assert!(of(MOST_ROWS + 1, 11).is_some_and(|said| said.ends_with("no frequency response is taken of it")));
     }
 
     #[test]

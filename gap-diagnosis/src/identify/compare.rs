@@ -1,11 +1,13 @@
 //! All kinds of models on the same logs, ranked by what was never fitted.
 //!
-//! Held out are whole logs where the caller names some, and otherwise the last part of each log, which is simulated through from the
-//! fitted start, since hysteresis remembers. The ranking is by the rms on what is held out; beside it stands the evidence of
-//! what was fitted: the Bayesian criterion, counted alike for all in the independent samples of the least correlated residual.
+//! Held out are whole logs where the caller names some, of which the first part tells the start and the zero and the rest is scored; and otherwise the
+//! last part of each log, which is simulated through from the fitted start, since hysteresis remembers. The ranking is by the rms on what is held
+//! out; beside it stands the evidence of what was fitted: the Bayesian criterion, each log counted alike for all in the independent samples of its
+//! least correlated residual.
 
 use super::tfest::tfest;
-use super::{From, Hysterons, IdentifyError, LogFit, Options, Progress, fit_start, identify, run_in_rows};
+use super::{From, Hysterons, IdentifyError, LEAST_ROWS, LogFit, Options, Progress, fit_start, identify, run_in_rows};
+use crate::residual::aic_bic;
 use plant_sim::log::Log;
 use plant_sim::metrics::Score;
 use plant_sim::model::{Kind, Model};
@@ -13,6 +15,8 @@ use plant_sim::replay::{Initial, Start, predict};
 
 /// Share of each log that is held out where no whole logs are.
 const HELD_OUT: f64 = 0.3;
+/// Share of a held-out log that its start and its zero are fitted to, as in a diagnosis.
+const START_SHARE: f64 = 0.3;
 
 /// Actuators with other operators than Bouc-Wen's.
 const OPERATORS: [(Kind, &str); 6] = [
@@ -56,7 +60,8 @@ pub struct Candidate {
     pub held_out_percent: f64,
     /// Bayesian criterion less that of the best; zero is best.
     pub evidence: f64,
-    independent: f64,
+    /// Independent samples of each fitted log, and its rms.
+    counted: Vec<[f64; 2]>,
 }
 
 /// A ranking, the best first.
@@ -85,6 +90,12 @@ pub fn compare(
     progress: Progress<'_>,
 ) -> Result<Comparison, IdentifyError> {
     super::check(logs, options)?;
+    for log in held_out {
+        let rows = log.len().saturating_sub(run_in_rows(log, options));
+        if rows < 2 * LEAST_ROWS {
+            return Err(IdentifyError::HeldOutTooShort { log: log.name.clone(), rows });
+        }
+    }
     let whole_logs = !held_out.is_empty();
     let fitted: Vec<Log> =
         if whole_logs { logs.to_vec() } else { logs.iter().map(|log| log.first(rows_fitted(log))).collect() };
@@ -123,14 +134,7 @@ pub fn compare(
             if let Some(best) = found.into_iter().next() {
                 let kind = format!("transfer function, {} poles, {} zeros", best.order, best.zeros);
                 let model = best.model();
-                candidates.push(arena.judge(
-                    kind,
-                    model,
-                    &best.logs,
-                    best.coordinates,
-                    best.independent_samples,
-                    best.rms_m,
-                )?);
+                candidates.push(arena.judge(kind, model, &best.logs, best.coordinates, best.rms_m)?);
             }
         }
         Err(error) => failed.push(("transfer function".to_owned(), error)),
@@ -141,16 +145,16 @@ pub fn compare(
         match identify(&fitted, &own, &say) {
             Ok(fit) => {
                 noise_m = fit.logs.iter().map(|log| log.noise_m).fold(noise_m, f64::min);
-                let (coordinates, independent, rms_m) = (fit.coordinates, fit.independent_samples, fit.rms_m);
-                candidates.push(arena.judge(kind, fit.model, &fit.logs, coordinates, independent, rms_m)?);
+                candidates.push(arena.judge(kind, fit.model, &fit.logs, fit.coordinates, fit.rms_m)?);
             }
             Err(error) => failed.push((kind, error)),
         }
     }
-    let samples = candidates.iter().map(|c| c.independent).fold(0.0, f64::max);
+    let most = |index: usize| candidates.iter().map(|c| c.counted[index][0]).fold(0.0, f64::max);
+    let samples: Vec<f64> = (0..fitted.len()).map(most).collect();
     for candidate in &mut candidates {
-        candidate.evidence =
-            samples * 2.0 * candidate.fitted_rms_m.ln() + candidate.coordinates as f64 * samples.max(2.0).ln();
+        candidate.counted.iter_mut().zip(&samples).for_each(|([counted, _], samples)| *counted = *samples);
+        candidate.evidence = aic_bic(&candidate.counted, candidate.coordinates)[1];
     }
     let best = candidates.iter().map(|c| c.evidence).fold(f64::INFINITY, f64::min);
     candidates.iter_mut().for_each(|c| c.evidence -= best);
@@ -169,6 +173,11 @@ fn rows_fitted(log: &Log) -> usize {
     ((1.0 - HELD_OUT) * log.len() as f64) as usize
 }
 
+/// First row of a held-out log that is scored.
+fn scored_from(log: &Log, run_in: usize) -> usize {
+    run_in + ((START_SHARE * (log.len() - run_in) as f64) as usize).max(LEAST_ROWS)
+}
+
 /// What candidates are judged on.
 struct Arena<'a> {
     logs: &'a [Log],
@@ -183,7 +192,6 @@ impl Arena<'_> {
         model: Model,
         fits: &[LogFit],
         coordinates: usize,
-        independent: f64,
         fitted_rms_m: f64,
     ) -> Result<Candidate, IdentifyError> {
         // Offsets are each log's own, and what is random or rounded is what the residual is made of.
@@ -212,8 +220,9 @@ impl Arena<'_> {
                 } else {
                     Initial::Rest
                 };
-                let (start, offset_m) = fit_start(&chain, log, initial, run_in, true)?;
-                score(log.name.clone(), log, &start, offset_m, run_in);
+                let from = scored_from(log, run_in);
+                let (start, offset_m) = fit_start(&chain, &log.first(from), initial, run_in, true)?;
+                score(log.name.clone(), log, &start, offset_m, from);
             }
         }
         let fits_of = held_out.iter().map(|h| h.fit_percent).filter(|f| f.is_finite());
@@ -228,7 +237,48 @@ impl Arena<'_> {
             held_out_percent: if count > 0.0 { sum / count } else { f64::NAN },
             held_out,
             evidence: 0.0,
-            independent,
+            counted: fits.iter().map(|log| [log.independent_samples, log.rms_m]).collect(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sensor that moves by 1 um once the start is told: the rest is missed by that, and a zero fitted to all of it would hide a half.
+    #[test]
+    fn the_zero_of_a_held_out_log_is_not_fitted_to_what_is_scored() {
+        let model = crate::reproduce::Thesis::default().phs;
+        let chain = model.chain();
+        let command_v: Vec<f64> = (0..1000).map(|k| 10.0 * (f64::from(k) * 0.05).sin()).collect();
+        let zeros = vec![0.0; command_v.len()];
+        let mut log = Log { dt_s: 1e-4, displacement_m: zeros, command_v, ..Log::default() };
+        log.displacement_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+        log.displacement_m[300..].iter_mut().for_each(|y| *y += 1e-6);
+        let options = Options {
+            from: From::Plant(Box::new(model.clone())),
+            initial: Initial::Relaxed,
+            run_in_s: None,
+            starts: 1,
+            seed: 1,
+        };
+        let judged = |log: Log| {
+            Arena { logs: &[], held_out: &[log], options: &options }.judge(String::new(), model.clone(), &[], 0, 0.0)
+        };
+        let left_m = judged(log.clone()).expect("judged").held_out_rms_m;
+        assert!((left_m - 1e-6).abs() < 1e-10, "{left_m:e}");
+        // The run-in is neither: 30 % of the 500 rows after it are.
+        let options = Options { run_in_s: Some(0.05), ..options.clone() };
+        assert_eq!(scored_from(&log, run_in_rows(&log, &options)), 650);
+        let short = compare(
+            &[log.clone()],
+            &[log.first(30)],
+            Some(&model),
+            1e-3,
+            &Options { run_in_s: None, ..options },
+            &|_, _| (),
+        );
+        assert!(matches!(short, Err(IdentifyError::HeldOutTooShort { rows: 30, .. })), "{short:?}");
     }
 }

@@ -4,6 +4,7 @@ use crate::spectra::{frf, segment_samples};
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::Chain;
 use plant_sim::log::Log;
+use plant_sim::metrics::rms;
 use plant_sim::model::{ActuatorSection, HysteronSection, Kind, Model, StructureSection};
 use plant_sim::param::{ASSUMED_MASS_SIGMA, Param};
 use plant_sim::replay::{Start, predict};
@@ -57,6 +58,46 @@ pub fn looks(log: &Log, run_in: usize) -> Looks {
         width_v: rms_m / gain_m_per_v.abs(),
         span_v: high - low,
     }
+}
+
+/// The same, of the whole log where the command stands still after the run-in: a step in it or at its end is all that tells.
+pub fn looks_at_all(log: &Log, run_in: usize) -> Looks {
+    let looks = looks(log, run_in);
+    if looks.gain_m_per_v.is_finite() { looks } else { self::looks(log, 0) }
+}
+
+/// Periods of the structure's resonance whose mean tells slow motions: of what is faster than a fifth of it less than [`SLOW_SHARE`] stays.
+const SLOW_PERIODS: f64 = 4.0;
+/// Least share of the motion that is slow where its sign is told, and least blocks of it.
+const SLOW_SHARE: f64 = 0.25;
+const LEAST_BLOCKS: usize = 4;
+
+/// Whether the slow motions of a log go against those of `chain`. Near and above a resonance, which need not be where `chain` has it, a plant may go
+/// either way, so that a log of fast motions alone is never inverted.
+pub fn is_inverted(log: &Log, run_in: usize, chain: &Chain) -> bool {
+    if chain.parts.linear.is_some() {
+        return false; // What it is made of has no stiffness and mass to tell what is slow.
+    }
+    let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
+    let slow_s = if chain.parts.is_massless { 0.0 } else { SLOW_PERIODS * std::f64::consts::TAU / turning_per_s };
+    let block = ((slow_s / log.dt_s).round() as usize).max(1);
+    let predicted_m = predict(chain, log, &Start::relaxed(chain), log.len());
+    let slow = |rows: &[f64]| -> Vec<f64> {
+        let blocks: Vec<f64> = rows.chunks_exact(block).map(|rows| rows.iter().sum::<f64>() / block as f64).collect();
+        from_mean(&blocks)
+    };
+    let (predicted_m, measured_m) = (&predicted_m[run_in..], &log.displacement_m[run_in..]);
+    let (p, y) = (slow(predicted_m), slow(measured_m));
+    if p.len() < LEAST_BLOCKS || rms(p.iter().copied()) < SLOW_SHARE * rms(from_mean(predicted_m)) {
+        return false;
+    }
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    product(&p, &y) < -STRAIGHT * (product(&p, &p) * product(&y, &y)).sqrt()
+}
+
+fn from_mean(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    values.iter().map(|value| value - mean).collect()
 }
 
 /// In-phase part of the response at the lowest frequencies that the log shows, if it shows any.
@@ -254,6 +295,37 @@ fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_step_at_the_end_of_the_run_in_has_a_gain() {
+        let command_v: Vec<f64> = (0..100).map(|k| if k < 50 { 0.0 } else { 20.0 }).collect();
+        let displacement_m = command_v.iter().map(|v| 1e-6 * v).collect();
+        let log = Log { dt_s: 1e-3, displacement_m, command_v, ..Log::default() };
+        assert!(looks(&log, 50).gain_m_per_v.is_nan());
+        assert!((looks_at_all(&log, 50).gain_m_per_v - 1e-6).abs() < 1e-12);
+    }
+
+    /// The thesis' plant, 783 Hz, is asked of motions that are slow and of such as would be upside down to a line.
+    #[test]
+    fn a_log_is_inverted_by_its_slow_motions_alone() {
+        let chain = crate::reproduce::Thesis::default().phs.chain();
+        let made = |hz: f64, sign: f64| {
+            let dt_s = 5e-5;
+            let command_v: Vec<f64> =
+                (0..4000).map(|k| 40.0 * (std::f64::consts::TAU * hz * f64::from(k) * dt_s).sin()).collect();
+            let zeros = vec![0.0; command_v.len()];
+            let log = Log { dt_s, displacement_m: zeros, command_v, ..Log::default() };
+            let predicted_m = predict(&chain, &log, &Start::relaxed(&chain), log.len());
+            Log { displacement_m: predicted_m.iter().map(|y| sign * y).collect(), ..log }
+        };
+        for hz in [5.0, 50.0, 120.0] {
+            assert!(is_inverted(&made(hz, -1.0), 100, &chain) && !is_inverted(&made(hz, 1.0), 100, &chain), "{hz} Hz");
+        }
+        // A resonance that is not where the plant has it turns these.
+        for hz in [400.0, 790.0, 1500.0] {
+            assert!(!is_inverted(&made(hz, -1.0), 100, &chain), "{hz} Hz");
+        }
+    }
 
     /// Above its resonance at 30 Hz a plant moves against most of this command, and yet it goes the command's way.
     #[test]

@@ -25,6 +25,8 @@ use std::sync::atomic::AtomicUsize;
 
 /// Most hysterons that `Hysterons::Auto` tries.
 const MOST_HYSTERONS: usize = 6;
+/// Least rows after a run-in.
+const LEAST_ROWS: usize = 16;
 
 /// Where the fit starts and what its priors are centred on.
 #[derive(Clone, Debug)]
@@ -115,10 +117,22 @@ pub enum IdentifyError {
         log: String,
     },
     /// Displacement falls while the command rises.
-    #[error("{log}: the displacement falls when the command rises: turn its sign with --scale displacement=-1e-6")]
+    #[error("{log}: the displacement falls when the command rises: turn its sign {}", how_to_turn(*.all))]
     Inverted {
         /// The log.
         log: String,
+        /// Whether all logs are like it.
+        all: bool,
+    },
+    /// Too little to tell the start and to be scored as well.
+    #[error(
+        "{log}: {rows} rows are left after the run-in; a held-out log needs 32, of which the first tell how it starts"
+    )]
+    HeldOutTooShort {
+        /// The log.
+        log: String,
+        /// Rows left.
+        rows: usize,
     },
     /// No start led to a finite fit.
     #[error("none of {starts} starts led to a fit: check the units of the logs and the start plant")]
@@ -126,6 +140,11 @@ pub enum IdentifyError {
         /// Starts tried.
         starts: usize,
     },
+}
+
+/// `--scale` is for every log.
+fn how_to_turn(all: bool) -> &'static str {
+    if all { "with --scale displacement=-1e-6" } else { "in the file, as the other logs go with the command" }
 }
 
 /// What became of a number.
@@ -181,6 +200,8 @@ pub struct LogFit {
     pub start: Start,
     /// Autocorrelation of the residual.
     pub autocorrelation: Autocorrelation,
+    /// Scored rows that count, were they independent.
+    pub independent_samples: f64,
 }
 
 /// A fit.
@@ -194,12 +215,10 @@ pub struct Fit {
     pub logs: Vec<LogFit>,
     /// Rms over all logs at the end of each start, metres, best first.
     pub starts_rms_m: Vec<f64>,
-    /// Akaike's and the Bayesian information criterion of all scored rows as they are: N ln(RSS/N) + 2p, + p ln N.
+    /// Akaike's and the Bayesian information criterion of all scored rows as they are: the logs' N ln(RSS/N) + 2p, + p ln of all N.
     pub aic: f64,
     /// See `aic`.
     pub bic: f64,
-    /// Scored rows that count, were they independent.
-    pub independent_samples: f64,
     /// Coordinates fitted, the logs' offsets and starts included.
     pub coordinates: usize,
     /// Rms over all logs, metres.
@@ -212,10 +231,14 @@ pub struct Fit {
 
 impl Fit {
     /// Whether the logs prefer this fit to `other` although it may have more coordinates: the Bayesian criterion, counted in
-    /// independent samples, the fewer of the two.
+    /// independent samples, of each log the fewer of the two.
     fn beats(&self, other: &Fit) -> bool {
-        let samples = self.independent_samples.min(other.independent_samples);
-        let criterion = |fit: &Fit| aic_bic(samples, fit.rms_m, fit.coordinates)[1];
+        let both = || self.logs.iter().zip(&other.logs);
+        let samples = || both().map(|(a, b)| a.independent_samples.min(b.independent_samples));
+        let criterion = |fit: &Fit| {
+            let counted: Vec<[f64; 2]> = samples().zip(&fit.logs).map(|(samples, log)| [samples, log.rms_m]).collect();
+            aic_bic(&counted, fit.coordinates)[1]
+        };
         criterion(self) < criterion(other)
     }
 }
@@ -231,25 +254,26 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     check(logs, options)?;
     let simulations = AtomicUsize::new(0);
     let fit = |nominal: Model, basis: Basis| {
+        check_signs(logs, options, &nominal)?;
         let session = Session::new(logs, options, nominal, basis, &simulations, progress);
         session.run().map(|found| report::report(&session, &found))
     };
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
         From::BoucWen { mass_kg } => {
-            let (run_in, looks) = looks(&logs[0], options)?;
+            let (run_in, looks) = looks(logs, options)?;
             // Its loop is wide enough to hide a damped resonance from a linear scan, so that its numbers are always fitted.
             let model = guess::bouc_wen(&logs[0], run_in, &looks, *mass_kg);
             fit(model, Basis::Guessed { resonance_seen: true })
         }
         From::Operator { kind, mass_kg } => {
-            let (run_in, looks) = looks(&logs[0], options)?;
+            let (run_in, looks) = looks(logs, options)?;
             let model = guess::operator(*kind, &logs[0], run_in, &looks, *mass_kg);
             fit(model, Basis::Guessed { resonance_seen: true })
         }
         From::Logs { hysterons, mass_kg } | From::Linear { hysterons, mass_kg } => {
             let linear = matches!(options.from, From::Linear { .. });
-            let (run_in, looks) = looks(&logs[0], options)?;
+            let (run_in, looks) = looks(logs, options)?;
             let guessed = |n: usize| {
                 let (mut model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
                 if linear {
@@ -277,14 +301,28 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     }
 }
 
-/// The run-in of a log, in rows, and what it looks like after that.
-fn looks(log: &Log, options: &Options) -> Result<(usize, guess::Looks), IdentifyError> {
-    let run_in = run_in_rows(log, options);
-    let looks = guess::looks(log, run_in);
-    if looks.gain_m_per_v < 0.0 {
-        return Err(IdentifyError::Inverted { log: log.name.clone() });
+/// The run-in of the first log, in rows, and what it looks like after that.
+fn looks(logs: &[Log], options: &Options) -> Result<(usize, guess::Looks), IdentifyError> {
+    let of = |log: &Log| {
+        let run_in = run_in_rows(log, options);
+        (run_in, guess::looks_at_all(log, run_in))
+    };
+    let falls = |looks: &guess::Looks| looks.gain_m_per_v < 0.0;
+    let (run_in, looks) = of(&logs[0]);
+    if falls(&looks) {
+        let all = logs.iter().all(|log| falls(&of(log).1));
+        return Err(IdentifyError::Inverted { log: logs[0].name.clone(), all });
     }
     Ok((run_in, looks))
+}
+
+/// Logs that go against the plant that their fit would begin with.
+fn check_signs(logs: &[Log], options: &Options, nominal: &Model) -> Result<(), IdentifyError> {
+    let chain = nominal.chain();
+    let is_inverted = |log: &&Log| guess::is_inverted(log, run_in_rows(log, options), &chain);
+    let inverted: Vec<&Log> = logs.iter().filter(is_inverted).collect();
+    let all = inverted.len() == logs.len();
+    inverted.first().map_or(Ok(()), |log| Err(IdentifyError::Inverted { log: log.name.clone(), all }))
 }
 
 fn run_in_rows(log: &Log, options: &Options) -> usize {
@@ -299,7 +337,7 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
     for log in logs {
         let run_in = run_in_rows(log, options);
         let rows = log.displacement_m.len();
-        if rows < run_in + 16 {
+        if rows < run_in + LEAST_ROWS {
             return Err(IdentifyError::RunInTooLong {
                 log: log.name.clone(),
                 rows: rows.saturating_sub(run_in),
@@ -307,7 +345,8 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
             });
         }
         let constant = |values: &[f64]| values.iter().all(|v| *v == values[0]);
-        if constant(&log.command_v[run_in..]) && constant(&log.command_v[..run_in.max(1)]) {
+        // A step in the run-in, or at its end, moves what comes after it.
+        if constant(&log.command_v) {
             return Err(IdentifyError::NoExcitation { log: log.name.clone() });
         }
         if constant(&log.displacement_m[run_in..]) {
@@ -322,7 +361,7 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
 /// `log` may be the beginning of a longer one.
 ///
 /// # Errors
-/// A run-in that leaves nothing, or a log that doesn't move.
+/// A run-in that leaves nothing.
 pub fn fit_start(
     chain: &Chain,
     log: &Log,
@@ -330,7 +369,7 @@ pub fn fit_start(
     run_in: usize,
     offset_free: bool,
 ) -> Result<(Start, f64), IdentifyError> {
-    if log.displacement_m.len() < run_in + 16 {
+    if log.displacement_m.len() < run_in + LEAST_ROWS {
         let run_in_s = run_in as f64 * log.dt_s;
         let rows = log.displacement_m.len().saturating_sub(run_in);
         return Err(IdentifyError::RunInTooLong { log: log.name.clone(), rows, run_in_s });
@@ -361,4 +400,46 @@ pub fn fit_start(
     let best = search::descend(best, search::FINE);
     let (offset_m, start) = best.own_start(0);
     Ok((start, offset_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What more hysterons explain of a good log is nothing beside what a bad one leaves in any case.
+    #[test]
+    fn a_bad_log_does_not_drown_what_a_good_one_calls_for() {
+        let model = crate::reproduce::Thesis::default().phs;
+        let of = |coordinates: usize, rms_m: [f64; 2]| Fit {
+            logs: rms_m.map(|rms_m| log(&model, rms_m)).to_vec(),
+            model: model.clone(),
+            parameters: Vec::new(),
+            starts_rms_m: Vec::new(),
+            aic: 0.0,
+            bic: 0.0,
+            coordinates,
+            rms_m: ((rms_m[0].powi(2) + rms_m[1].powi(2)) / 2.0).sqrt(),
+            simulations: 0,
+            seed: 0,
+        };
+        let (more, fewer) = (of(10, [20e-9, 5e-6]), of(7, [60e-9, 5e-6]));
+        assert!(more.beats(&fewer) && !fewer.beats(&more));
+        // Three coordinates that explain a thousandth do not pay.
+        assert!(of(7, [20e-9, 5e-6]).beats(&of(10, [19.98e-9, 4.995e-6])));
+    }
+
+    fn log(model: &Model, rms_m: f64) -> LogFit {
+        LogFit {
+            name: String::new(),
+            predicted_m: Vec::new(),
+            run_in_rows: 0,
+            rms_m,
+            fit_percent: 99.0,
+            noise_m: rms_m,
+            offset_m: 0.0,
+            start: Start::relaxed(&model.chain()),
+            autocorrelation: Autocorrelation::of(&[], 0),
+            independent_samples: 1000.0,
+        }
+    }
 }

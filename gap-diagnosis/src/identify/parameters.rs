@@ -292,6 +292,13 @@ impl Free {
         }
     }
 
+    /// The same as it is told of a fit. At a bound the number hardly moves with its coordinate, which says nothing of what is beyond: there at least
+    /// the prior's.
+    pub fn told_sigma(&self, z: f64, coordinate_sigma: f64) -> f64 {
+        let sigma = self.number_sigma(z, coordinate_sigma);
+        if self.at_bound(z) { sigma.max(self.prior_sigma) } else { sigma }
+    }
+
     /// Standard deviation of the number under the prior, SI.
     pub fn prior_sigma_si(&self) -> f64 {
         match self.scale {
@@ -303,7 +310,7 @@ impl Free {
     /// The record of the number at coordinate `z`; the prior's sigma where the coordinate's is unknown.
     pub fn param(&self, z: f64, coordinate_sigma: f64, source: &str) -> Param {
         let known = if coordinate_sigma.is_finite() { coordinate_sigma } else { self.prior_sigma };
-        let (unit, sigma) = (self.quantity.per_si(), self.number_sigma(z, known));
+        let (unit, sigma) = (self.quantity.per_si(), self.told_sigma(z, known));
         match self.scale {
             Scale::Log { .. } => Param::new(self.at(z) * unit, sigma, source),
             Scale::Shift { .. } | Scale::NotNegative { .. } => Param::absolute(self.at(z) * unit, sigma * unit, source),
@@ -367,5 +374,20 @@ impl StartCoordinates {
         let turning_per_s = (chain.plant.stiffness_n_per_m / chain.plant.mass_kg).sqrt();
         start.state.velocity_m_per_s += travel_m * turning_per_s * z[hysterons.len() + 2];
         start
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_at_its_bound_is_told_as_no_surer_than_before() {
+        let scale = Scale::Log { bound: 0.75 };
+        let free = Free { quantity: Quantity::Stiffness, prior: 1e4, scale, prior_sigma: 0.75 };
+        // The slope of the tanh there is 1.3e-3: a coordinate known to 0.5 would be a number known to 0.07 %.
+        assert!(free.at_bound(3.0) && free.number_sigma(3.0, 0.5) < 1e-3);
+        assert_eq!(free.param(3.0, 0.5, "").sigma, Some(0.75));
+        assert_eq!(free.param(0.0, 0.01, "").sigma, Some(0.01));
     }
 }

@@ -129,6 +129,16 @@ impl<'a> Problem<'a> {
         &self.z
     }
 
+    /// Coordinate of the offset of log `index`.
+    pub fn offset_place(&self, index: usize) -> usize {
+        self.own(index)
+    }
+
+    /// One unit of an offset's coordinate, metres.
+    pub fn offset_unit_m(&self) -> f64 {
+        self.offset_unit_m
+    }
+
     /// Moves the offset of log `index` in `z` by `offset_m`.
     pub fn set_offset(&self, z: &mut DVector<f64>, index: usize, offset_m: f64) {
         z[self.own(index)] += offset_m / self.offset_unit_m;

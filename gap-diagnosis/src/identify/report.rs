@@ -1,10 +1,11 @@
 //! What a search found, in numbers and words: values with sigma, what is unseen and why, how well each log is replayed.
 
-use super::parameters::{Quantity, Scale};
+use super::parameters::{Free, Quantity, Scale};
 use super::problem::{Problem, Record};
-use super::search::{Found, Session, UNSEEN};
+use super::search::{Basis, Found, Session, UNSEEN};
 use super::{Fit, Fitted, LogFit, Verdict};
 use crate::residual::{Autocorrelation, LAGS, aic_bic, samples_per_independent};
+use nalgebra::DMatrix;
 use plant_sim::chain::Chain;
 use plant_sim::metrics::{Score, rms};
 use plant_sim::model::Kind;
@@ -37,7 +38,7 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     for (i, free) in free.iter().enumerate() {
         let coordinate_sigma = covariance.as_ref().map_or(f64::NAN, |c| c[(i, i)].sqrt());
         let (value, per_si) = (free.at(z[i]), free.quantity.per_si());
-        let number_sigma = free.number_sigma(z[i], coordinate_sigma);
+        let number_sigma = free.told_sigma(z[i], coordinate_sigma);
         *free.quantity.record(&mut model) = free.param(z[i], coordinate_sigma, &source);
         let sigma = match free.scale {
             Scale::Log { .. } => number_sigma * value * per_si,
@@ -61,19 +62,17 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     }
     for free in unseen {
         let per_si = free.quantity.per_si();
+        let record = free.quantity.record(&mut model);
+        record.source = format!("not seen by {}; {}", names.join(", "), record.source);
         parameters.push(Fitted {
             name: free.quantity.name(),
             words: free.quantity.words(),
             value: free.prior * per_si,
-            sigma: free.prior_sigma_si() * per_si,
+            sigma: unseen_sigma(session.basis, free, record),
             prior: free.prior * per_si,
             verdict: Verdict::Unseen,
             note: why_unseen(free.quantity, &fitted_chain, &reach_v),
         });
-        let record = free.quantity.record(&mut model);
-        record.source = format!("not seen by {}; {}", names.join(", "), record.source);
-        // What nobody has seen is as uncertain as its prior, whatever a guess may have assumed.
-        record.sigma = record.sigma.map(|sigma| sigma.max(free.prior_sigma));
     }
     let order: Vec<String> = std::iter::once("mass_kg".into())
         .chain(Quantity::of(&session.nominal).into_iter().map(Quantity::name))
@@ -81,15 +80,14 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
     parameters.sort_by_key(|p| order.iter().position(|name| *name == p.name).unwrap_or(usize::MAX));
 
     let offset_m = logs.iter().map(|l| l.offset_m).sum::<f64>() / logs.len() as f64;
-    model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, logs[0].noise_m * 1e6, &source));
+    let offset_sigma_m = zero_sigma_m(problem, covariance.as_ref(), &logs, offset_m);
+    model.sensor.offset_um = Some(Param::absolute(offset_m * 1e6, offset_sigma_m * 1e6, &source));
     model.sensor.noise_um = Some(Param::new(logs[0].noise_m * 1e6, 0.1, &source));
     let residual_m: Vec<f64> = (0..records.len()).flat_map(|i| problem.residual_m(i)).collect();
     let rms_m = rms(residual_m);
-    let [aic, bic] = aic_bic(problem.data_rows() as f64, rms_m, z.len());
-    let independent: f64 = (0..records.len())
-        .map(|i| problem.residual_m(i))
-        .map(|residual| residual.len() as f64 / samples_per_independent(&residual))
-        .sum();
+    let rows_and_rms_m: Vec<[f64; 2]> =
+        logs.iter().map(|log| [(log.predicted_m.len() - log.run_in_rows) as f64, log.rms_m]).collect();
+    let [aic, bic] = aic_bic(&rows_and_rms_m, z.len());
     Fit {
         model,
         parameters,
@@ -97,7 +95,6 @@ pub(super) fn report(session: &Session<'_>, found: &Found<'_>) -> Fit {
         starts_rms_m: starts_rms_m.clone(),
         aic,
         bic,
-        independent_samples: independent,
         coordinates: z.len(),
         rms_m,
         simulations: session.simulations.load(Ordering::Relaxed),
@@ -112,6 +109,7 @@ fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
         score.add(*y, *p);
     }
     let (offset_m, start) = problem.own_start(index);
+    let residual_m = problem.residual_m(index);
     LogFit {
         name: record.log.name.clone(),
         predicted_m,
@@ -121,8 +119,35 @@ fn log_fit(record: &Record<'_>, problem: &Problem<'_>, index: usize) -> LogFit {
         noise_m: record.noise_m,
         offset_m,
         start,
-        autocorrelation: Autocorrelation::of(&problem.residual_m(index), LAGS),
+        autocorrelation: Autocorrelation::of(&residual_m, LAGS),
+        independent_samples: residual_m.len() as f64 / samples_per_independent(&residual_m),
     }
+}
+
+/// Standard deviation of the sensor's mean zero `offset_m` as another log would have it: what the logs leave open of it, which may be all that a
+/// hysteron holds, and how far they are apart. One log doesn't say how exactly a zero is set, so that it is told no finer than a reading.
+fn zero_sigma_m(problem: &Problem<'_>, covariance: Option<&DMatrix<f64>>, logs: &[LogFit], offset_m: f64) -> f64 {
+    let count = logs.len() as f64;
+    let places: Vec<usize> = (0..logs.len()).map(|index| problem.offset_place(index)).collect();
+    let unit_m = problem.offset_unit_m();
+    let left_open = covariance.map_or(problem.prior_sigma()[places[0]].powi(2), |of| {
+        places.iter().flat_map(|i| places.iter().map(|j| of[(*i, *j)])).sum::<f64>() / (count * count)
+    });
+    let apart_m2 = logs.iter().map(|log| (log.offset_m - offset_m).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let noise_m = logs.iter().map(|log| log.noise_m).fold(0.0, f64::max);
+    (left_open.max(0.0) * unit_m * unit_m + apart_m2).sqrt().max(noise_m)
+}
+
+/// Standard deviation of a number that the logs can't see, in its record's unit: what a stated plant says of it stays, and what a guess may have assumed
+/// becomes its prior's.
+fn unseen_sigma(basis: Basis, free: &Free, record: &mut Param) -> f64 {
+    let value = free.prior * free.quantity.per_si();
+    let recorded = record.sigma.map(|sigma| sigma * value.abs()).or(record.sigma_abs);
+    if let (Basis::Stated, Some(sigma)) = (basis, recorded) {
+        return sigma;
+    }
+    record.sigma = record.sigma.map(|sigma| sigma.max(free.prior_sigma));
+    free.prior_sigma_si() * free.quantity.per_si()
 }
 
 /// Largest voltage that each hysteron reaches in any log: whether its dead zone ever opens.

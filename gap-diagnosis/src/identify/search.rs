@@ -79,7 +79,7 @@ pub(super) struct Session<'a> {
     pub(super) options: &'a Options,
     pub(super) nominal: Model,
     pub(super) base: Base,
-    basis: Basis,
+    pub(super) basis: Basis,
     pub(super) simulations: &'a AtomicUsize,
     progress: Progress<'a>,
 }
@@ -347,7 +347,7 @@ pub(super) fn at_noise(records: &[Record<'_>], problem: &Problem<'_>) -> bool {
     records.iter().enumerate().all(|(i, record)| rms(problem.residual_m(i)) < AT_NOISE * record.noise_m)
 }
 
-/// Records whose unit is what an independent sample of their present residual is uncertain by, but at least their noise.
+/// Records whose unit is what an independent sample of their present residual is uncertain by, but at least what rounding leaves.
 fn weigh<'a>(records: &[Record<'a>], problem: &Problem<'_>) -> Vec<Record<'a>> {
     let weighed = |(index, record): (usize, &Record<'a>)| {
         let residual_m = problem.residual_m(index);

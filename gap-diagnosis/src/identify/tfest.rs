@@ -25,8 +25,10 @@ pub const MOST_ORDER: usize = 5;
 const ROUNDS: usize = 25;
 /// Rows of each log that the first stage looks at.
 const FIRST_ROWS: usize = 20_000;
-/// Bandwidths that the first filter is tried with, in Hz.
+/// Bandwidths that the first filter is tried with, in Hz, up to this share of the rate; where not all of them are, these shares of it as well.
 const BANDWIDTHS_HZ: [f64; 4] = [30.0, 150.0, 600.0, 2000.0];
+const MOST_BANDWIDTH: f64 = 0.4;
+const BANDWIDTHS: [f64; 3] = [0.02, 0.1, 0.3];
 /// Relative step of the coefficients for sensitivities.
 const STEP: f64 = 1e-6;
 /// Poles are kept left of this share of their size, so that an estimate can be simulated.
@@ -88,15 +90,15 @@ impl Estimate {
         named.into_iter().zip(&self.relative_sigma).map(with).collect()
     }
 
-    /// Akaike's and the Bayesian criterion of all scored rows, as if these were independent; less is better.
+    /// Akaike's and the Bayesian criterion of all scored rows, as if these were independent; less is better. The rows are pooled, as they are fitted.
     pub fn aic_bic(&self) -> [f64; 2] {
         let rows: f64 = self.logs.iter().map(|log| (log.predicted_m.len() - log.run_in_rows) as f64).sum();
-        aic_bic(rows, self.rms_m, self.coordinates)
+        aic_bic(&[[rows, self.rms_m]], self.coordinates)
     }
 
     /// The Bayesian criterion with `samples` independent samples; less is better.
     pub fn criterion(&self, samples: f64) -> f64 {
-        aic_bic(samples, self.rms_m, self.coordinates)[1]
+        aic_bic(&[[samples, self.rms_m]], self.coordinates)[1]
     }
 }
 
@@ -111,20 +113,29 @@ pub fn tfest(logs: &[Log], options: &Options, order: Option<(usize, usize)>) -> 
         None => (1..=MOST_ORDER).flat_map(|n| [(n, 0), (n, n - 1)]).skip(1).collect(),
     };
     let mut found: Vec<Estimate> = orders.into_par_iter().filter_map(|(n, m)| estimate(logs, options, n, m)).collect();
-    // Counted alike for all, by the least correlated residual.
-    let samples = found.iter().map(|e| e.independent_samples).fold(f64::INFINITY, f64::min);
+    rank(&mut found);
+    if found.is_empty() { Err(IdentifyError::NoFit { starts: bandwidths_hz(logs[0].dt_s).len() }) } else { Ok(found) }
+}
+
+/// The best first, counted alike for all by the least correlated residual.
+fn rank(found: &mut [Estimate]) {
+    let samples = found.iter().map(|e| e.independent_samples).fold(0.0, f64::max);
     found.sort_by(|a, b| a.criterion(samples).total_cmp(&b.criterion(samples)));
-    if found.is_empty() { Err(IdentifyError::NoFit { starts: BANDWIDTHS_HZ.len() }) } else { Ok(found) }
+}
+
+fn bandwidths_hz(dt_s: f64) -> Vec<f64> {
+    let mut all: Vec<f64> = BANDWIDTHS_HZ.into_iter().filter(|hz| hz * dt_s <= MOST_BANDWIDTH).collect();
+    if all.len() < BANDWIDTHS_HZ.len() {
+        all.extend(BANDWIDTHS.map(|share| share / dt_s));
+    }
+    all
 }
 
 fn estimate(logs: &[Log], options: &Options, order: usize, zeros: usize) -> Option<Estimate> {
     let records: Vec<Signal<'_>> = logs.iter().map(|log| Signal::new(log, options)).collect();
-    let gain = super::guess::looks(&logs[0], run_in_rows(&logs[0], options)).gain_m_per_v;
+    let gain = super::guess::looks_at_all(&logs[0], run_in_rows(&logs[0], options)).gain_m_per_v;
     let mut best: Option<(f64, Fit<'_>)> = None;
-    for hz in BANDWIDTHS_HZ {
-        if hz > 0.4 / logs[0].dt_s {
-            continue;
-        }
+    for hz in bandwidths_hz(logs[0].dt_s) {
         let Some(theta) = instrumental(&records, order, zeros, std::f64::consts::TAU * hz, gain) else { continue };
         let fit = Fit::new(&records, order, zeros, theta);
         let cost = fit.residuals.norm_squared();
@@ -142,7 +153,7 @@ fn estimate(logs: &[Log], options: &Options, order: usize, zeros: usize) -> Opti
     let logs: Vec<LogFit> = records.iter().map(|record| record.log_fit(&chain, options)).collect();
     let residuals: Vec<Vec<f64>> =
         records.iter().zip(&logs).map(|(record, fit)| record.residual(&fit.predicted_m)).collect();
-    let independent = residuals.iter().map(|r| r.len() as f64 / samples_per_independent(r)).sum();
+    let independent = logs.iter().map(|log| log.independent_samples).sum();
     let relative_sigma = fit.relative_sigma(independent).unwrap_or_else(|| vec![f64::INFINITY; order + zeros + 1]);
     Some(Estimate {
         relative_sigma,
@@ -190,6 +201,7 @@ impl<'a> Signal<'a> {
         let (predicted_m, offset_m) = self.predicted(chain);
         let mut score = Score::default();
         self.log.displacement_m.iter().zip(&predicted_m).skip(self.run_in).for_each(|(y, p)| score.add(*y, *p));
+        let residual_m = self.residual(&predicted_m);
         LogFit {
             name: self.log.name.clone(),
             run_in_rows: run_in_rows(self.log, options),
@@ -198,7 +210,8 @@ impl<'a> Signal<'a> {
             noise_m: noise_rms(&self.log.displacement_m[self.run_in..]),
             offset_m,
             start: Start::at_rest(chain, self.before_v, Vec::new()),
-            autocorrelation: Autocorrelation::of(&self.residual(&predicted_m), LAGS),
+            autocorrelation: Autocorrelation::of(&residual_m, LAGS),
+            independent_samples: residual_m.len() as f64 / samples_per_independent(&residual_m),
             predicted_m,
         }
     }
@@ -423,5 +436,36 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
             })
             .collect();
         Some(DMatrix::from_columns(&columns?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_are_counted_by_the_least_correlated_residual() {
+        let tf = TransferFunction { numerator: vec![1.0], denominator: vec![1.0, 1.0] };
+        let of = |coordinates: usize, rms_m: f64, independent_samples: f64| Estimate {
+            tf: tf.clone(),
+            order: coordinates,
+            zeros: 0,
+            logs: Vec::new(),
+            rms_m,
+            independent_samples,
+            coordinates,
+            relative_sigma: Vec::new(),
+        };
+        // What the lower order leaves is so slow that it counts as ten samples, of which a tenth less would not pay for three coordinates; of the
+        // thousand that the higher order leaves white it does.
+        let mut found = [of(3, 1.0e-6, 10.0), of(6, 0.9e-6, 1000.0)];
+        rank(&mut found);
+        assert_eq!(found[0].order, 6);
+    }
+
+    #[test]
+    fn a_slow_log_has_bandwidths_of_its_own() {
+        assert_eq!(bandwidths_hz(1.0 / 50.0), [1.0, 5.0, 15.0]);
+        assert_eq!(bandwidths_hz(1e-4), BANDWIDTHS_HZ);
     }
 }

@@ -129,6 +129,30 @@ pub struct Chart {
     /// Half-width of the region in which a white residual stays.
     band: Option<f64>,
     n_samples: usize,
+    /// Of so many rows one is among the samples.
+    stride: usize,
+}
+
+/// What of a log a page was given: of a long one, every `stride`-th row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kept {
+    /// Rows of the log.
+    pub rows: usize,
+    /// From one row given to the next; 1 is all of them.
+    pub stride: usize,
+}
+
+impl Kept {
+    /// All of `rows`.
+    pub fn all(rows: usize) -> Self {
+        Self { rows, stride: 1 }
+    }
+}
+
+impl Default for Kept {
+    fn default() -> Self {
+        Self::all(0)
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -254,6 +278,14 @@ impl Chart {
         self
     }
 
+    /// What the chart was given is only this of a log; its note says so.
+    pub fn of(mut self, kept: Kept) -> Self {
+        if kept.stride > 1 {
+            (self.n_samples, self.stride) = (kept.rows, kept.stride);
+        }
+        self
+    }
+
     /// Half the height, for a companion such as the drive below the displacement.
     pub fn low(mut self) -> Self {
         self.is_low = true;
@@ -278,6 +310,7 @@ impl Chart {
             link: None,
             band: None,
             n_samples,
+            stride: 1,
         }
     }
 
@@ -401,7 +434,15 @@ impl Chart {
                 escape(&four_digits(band, &self.y.unit))
             );
         }
-        let note = if *n_drawn < self.n_samples {
+        let note = if self.stride > 1 {
+            // Of 400 000 samples and more, so that fewer are always drawn.
+            format!(
+                " <span class=\"note\">{} samples, of which one in {} was looked at and {} are drawn; a peak of a few samples may be missing.</span>",
+                count(self.n_samples),
+                count(self.stride),
+                count(*n_drawn)
+            )
+        } else if *n_drawn < self.n_samples {
             format!(
                 " <span class=\"note\">{} samples, {} drawn; every peak is kept.</span>",
                 count(self.n_samples),

@@ -5,7 +5,7 @@
 use super::location::location;
 use super::number::{count, short_percent, two_digits};
 use super::response::responses;
-use super::{Axis, BarItem, BarList, Chart, Ink, Page, Panel, ResponseView, Series, Share, escape, four_digits};
+use super::{Axis, BarItem, BarList, Chart, Ink, Kept, Page, Panel, ResponseView, Series, Share, escape, four_digits};
 use crate::locate::{Where, strongest};
 
 /// Ranked entries shown one by one; the others are summed.
@@ -138,7 +138,7 @@ pub struct ShareView {
     pub percent: f64,
 }
 
-/// A nominal parameter that moved by more than three sigma.
+/// A nominal parameter that moved by more than three sigma, or is named as wrong.
 #[derive(Debug, Clone)]
 pub struct ChangedView {
     /// In words.
@@ -173,7 +173,9 @@ pub struct DiagnosedLog {
     pub name: String,
     /// Whether the fit never saw it.
     pub is_held_out: bool,
-    /// Sample times.
+    /// Which of its rows are here.
+    pub kept: Kept,
+    /// Their times.
     pub time_s: Vec<f64>,
     /// Drive, or the command where the drive wasn't logged.
     pub drive_v: Vec<f64>,
@@ -367,7 +369,7 @@ fn effects(page: &mut Page, view: &DiagnosisView) {
         page.section("Nominal parameters that moved");
         let rows: Vec<Vec<String>> = view.changed.iter().map(changed_row).collect();
         page.table(
-            "By more than three sigma; the others stayed where the plant file has them.",
+            "By more than three sigma, or named as wrong; the others moved less (augmented.toml has them).",
             &["parameter", "nominal", "refit", "sigma", "change", "in sigma"],
             &rows,
         );
@@ -438,7 +440,7 @@ fn logs(page: &mut Page, logs: &[DiagnosedLog]) {
             vec![
                 log.name.clone(),
                 if log.is_held_out { "never fitted" } else { "fitted" }.to_owned(),
-                count(log.time_s.len()),
+                count(log.kept.rows),
                 rms(log, &log.nominal_um),
                 rms(log, &log.refit_um),
                 rms(log, &log.augmented_um),
@@ -488,7 +490,8 @@ fn logs(page: &mut Page, logs: &[DiagnosedLog]) {
                 series: vec![Series { name: "drive", ink: Ink::Drive, values: &log.drive_v }],
             },
         ];
-        page.charts(Chart::linked_over_time(&format!("log {log_idx}"), &log.time_s, &panels));
+        let charts = Chart::linked_over_time(&format!("log {log_idx}"), &log.time_s, &panels);
+        page.charts(charts.into_iter().map(|chart| chart.of(log.kept)).collect());
     }
 }
 

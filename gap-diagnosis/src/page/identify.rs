@@ -1,9 +1,9 @@
 //! The page of `identify`: is the fit good on every log, what are the parameters, which of them did the data not see.
 
 use super::number::{count, percent_of_sigma};
-use super::replay::{autocorrelation, overlay_and_residual};
+use super::replay::{autocorrelation, overlay_and_residual, period_ms};
 use super::response::responses;
-use super::{Axis, Chart, Ink, Loop, Page, ResponseView, Series, four_digits};
+use super::{Axis, Chart, Ink, Kept, Loop, Page, ResponseView, Series, four_digits};
 
 /// One log and how the fitted model reproduces it. The slices have one length.
 #[derive(Debug, Clone, Copy)]
@@ -140,7 +140,8 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
     for (log_idx, log) in view.logs.iter().enumerate() {
         page.section(log.name);
         let link = format!("log {log_idx}");
-        overlay_and_residual(&mut page, &link, log.time_s, log.measured_um, log.predicted_um);
+        let kept = Kept::all(log.time_s.len());
+        overlay_and_residual(&mut page, &link, log.time_s, kept, log.measured_um, log.predicted_um);
         page.chart(Chart::loops(
             "Hysteresis, measured and fitted",
             "The loops should coincide, the small ones inside too.",
@@ -151,7 +152,7 @@ pub fn identify_page(view: &IdentifyView<'_>) -> Page {
                 Loop { name: "fitted", ink: Ink::Model, x: log.command_v, y: log.predicted_um },
             ],
         ));
-        autocorrelation(&mut page, log.time_s, log.autocorrelation, log.n_residuals);
+        autocorrelation(&mut page, period_ms(log.time_s, kept), log.autocorrelation, log.n_residuals);
     }
     page
 }

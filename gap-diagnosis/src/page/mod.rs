@@ -27,7 +27,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 
 pub use bars::{BarItem, BarList, Share};
-pub use chart::{Axis, Chart, Ink, Loop, Panel, Series};
+pub use chart::{Axis, Chart, Ink, Kept, Loop, Panel, Series};
 pub use compare::{CompareView, ComparedModel, compare_page};
 pub use design::{BodeView, DesignView, PlaneView, TableView, design_page, pole};
 pub use diagnosis::{

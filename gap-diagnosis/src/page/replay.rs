@@ -1,6 +1,6 @@
 //! The page of `replay`: the model driven with the logged command, beside what the bench did.
 
-use super::{Axis, Chart, Ink, Loop, Page, Panel, Series};
+use super::{Axis, Chart, Ink, Kept, Loop, Page, Panel, Series};
 
 /// What a replay page shows. The first three slices have one length.
 #[derive(Debug, Clone, Copy)]
@@ -11,15 +11,17 @@ pub struct ReplayView<'a> {
     pub subtitle: &'a str,
     /// The verdict in one sentence; empty for none.
     pub headline: &'a str,
-    /// Sample times.
+    /// Times of the rows that the page was given.
     pub time_s: &'a [f64],
+    /// Which these are.
+    pub kept: Kept,
     /// Logged command.
     pub command_v: &'a [f64],
     /// Logged displacement; NaN where it is not to be scored.
     pub measured_um: &'a [f64],
     /// The model's displacement.
     pub predicted_um: &'a [f64],
-    /// Autocorrelation of the residual from lag 0 on, one value per sample of lag; empty if not computed.
+    /// Autocorrelation of the residual of all rows from lag 0 on, one value per sample of the log; empty if not computed.
     pub autocorrelation: &'a [f64],
     /// Residuals that went into it.
     pub n_residuals: usize,
@@ -51,8 +53,8 @@ pub fn replay_page(view: &ReplayView<'_>) -> Page {
     for warning in view.warnings {
         page.warning(warning);
     }
-    overlay_and_residual(&mut page, "log", view.time_s, view.measured_um, view.predicted_um);
-    page.chart(Chart::loops(
+    overlay_and_residual(&mut page, "log", view.time_s, view.kept, view.measured_um, view.predicted_um);
+    let loops = Chart::loops(
         "Hysteresis, measured and predicted",
         "The loops should coincide: another width is a dissipation the model lacks, another slope a gain, a shift an offset.",
         Axis::new("command", "V"),
@@ -61,8 +63,9 @@ pub fn replay_page(view: &ReplayView<'_>) -> Page {
             Loop { name: "measured", ink: Ink::Measured, x: view.command_v, y: view.measured_um },
             Loop { name: "predicted", ink: Ink::Model, x: view.command_v, y: view.predicted_um },
         ],
-    ));
-    autocorrelation(&mut page, view.time_s, view.autocorrelation, view.n_residuals);
+    );
+    page.chart(loops.of(view.kept));
+    autocorrelation(&mut page, period_ms(view.time_s, view.kept), view.autocorrelation, view.n_residuals);
     if let Some(spectrum) = &view.spectrum {
         let mut series = vec![];
         if let Some(values) = spectrum.measured_um_per_sqrt_hz {
@@ -88,6 +91,7 @@ pub(super) fn overlay_and_residual(
     page: &mut Page,
     link: &str,
     time_s: &[f64],
+    kept: Kept,
     measured_um: &[f64],
     predicted_um: &[f64],
 ) {
@@ -110,18 +114,22 @@ pub(super) fn overlay_and_residual(
             series: vec![Series { name: "residual", ink: Ink::Error, values: &residual_um }],
         },
     ];
-    page.charts(Chart::linked_over_time(link, time_s, &panels));
+    page.charts(Chart::linked_over_time(link, time_s, &panels).into_iter().map(|chart| chart.of(kept)).collect());
 }
 
-/// The whiteness test. Lag 0 is one by definition and left out, so that the others can be seen.
-pub(super) fn autocorrelation(page: &mut Page, time_s: &[f64], correlation: &[f64], n_residuals: usize) {
+/// Time between two rows of the log, of which `time_s` has what was `kept`; NaN with less than two.
+pub(super) fn period_ms(time_s: &[f64], kept: Kept) -> f64 {
+    match time_s {
+        [first, .., last] => 1e3 * (last - first) / ((time_s.len() - 1) * kept.stride) as f64,
+        _ => f64::NAN,
+    }
+}
+
+/// The whiteness test, of residuals `period_ms` apart. Lag 0 is one by definition and left out, so that the others can be seen.
+pub(super) fn autocorrelation(page: &mut Page, period_ms: f64, correlation: &[f64], n_residuals: usize) {
     if correlation.len() < 2 || n_residuals == 0 {
         return;
     }
-    let period_ms = match time_s {
-        [first, .., last] => 1e3 * (last - first) / (time_s.len() - 1) as f64,
-        _ => f64::NAN,
-    };
     let (axis, step) =
         if period_ms > 0.0 { (Axis::new("lag", "ms"), period_ms) } else { (Axis::new("lag", "samples"), 1.0) };
     let lags: Vec<f64> = (1..correlation.len()).map(|lag_idx| lag_idx as f64 * step).collect();

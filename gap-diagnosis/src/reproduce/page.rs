@@ -19,12 +19,12 @@ pub fn page(thesis: &Thesis, found: &Reproduction, provenance: &[String]) -> Pag
     let given = found.count(|v| matches!(v, Verdict::Given));
     let differ = found.count(|v| matches!(v, Verdict::Differs));
     page.headline(&format!(
-        "{agree} numbers come out to their printed digits, {within} of an independent solver within 1 %; {errata} are errata, and {}.",
+        "{agree} numbers come out to their printed digits, {within} of an independent solver within 1 % or half a unit of their last digit; {errata} are errata, and {}.",
         if differ == 0 { "none is left unexplained".to_owned() } else { format!("{differ} DIFFER WITHOUT EXPLANATION") }
     ));
     page.facts(&[
         ("to their printed digits".to_owned(), agree.to_string()),
-        ("within 1 % of the independent solver".to_owned(), within.to_string()),
+        ("within 1 % of the independent solver, or half a last digit".to_owned(), within.to_string()),
         ("errata".to_owned(), errata.to_string()),
         ("measured or chosen, not computable".to_owned(), given.to_string()),
         ("unexplained".to_owned(), differ.to_string()),
@@ -74,7 +74,7 @@ fn with_unit(number: &str, unit: &str) -> String {
 fn row(entry: &Entry) -> Vec<String> {
     let verdict = match &entry.verdict {
         Verdict::Agrees => "agrees",
-        Verdict::Within => "within 1 %",
+        Verdict::Within => "within 1 % or half a last digit",
         Verdict::Erratum { .. } => "erratum",
         Verdict::Given => "given",
         Verdict::Differs => "DIFFERS",

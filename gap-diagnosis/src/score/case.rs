@@ -93,6 +93,9 @@ pub struct Answer {
     /// Sizes of the gap.
     #[serde(default)]
     pub gap: Gap,
+    /// What was fitted that leaves least; none where nothing was fitted, or by a version that does not say it.
+    #[serde(default)]
+    pub best_fit: Option<BestFit>,
     /// Numbers of the named effects.
     #[serde(default)]
     pub parameters: Vec<Estimate>,
@@ -123,6 +126,8 @@ pub struct Gap {
     pub refit_rms_um: Option<f64>,
     /// What the plant with the named effects leaves.
     pub augmented_rms_um: Option<f64>,
+    /// What the diagnosis takes the noise for.
+    pub noise_rms_um: Option<f64>,
     /// How far the gap shrank.
     pub shrink_percent: Option<f64>,
     /// How far it was said to shrink before that was tried.
@@ -131,6 +136,13 @@ pub struct Gap {
     pub predicted_shrink_percent_ci95: Option<(f64, f64)>,
     /// How far the gap closed, noise taken off.
     pub closure_percent: Option<f64>,
+}
+
+/// The fit that leaves least, named or not.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct BestFit {
+    /// What it leaves of the fitted rows, in units of what the diagnosis takes the noise for.
+    pub rms_over_noise: f64,
 }
 
 /// A number of a named effect.

@@ -17,9 +17,9 @@ mod rate;
 mod tests;
 mod trust;
 
-pub use again::{Active, LeftOut, Tried, active, left_out};
+pub use again::{Active, LeftOut, Then, Tried, active, left_out};
 pub use bars::Bar;
-pub use case::{Answer, Case, Estimate, Gap, Kind, NextExperiment, Truth};
+pub use case::{Answer, BestFit, Case, Estimate, Gap, Kind, NextExperiment, Truth};
 pub use failure::{Cause, Failure};
 pub use names::{Confusion, Names, RatioBin, Recall};
 pub use numbers::{Numbers, Outside, known_forms};

@@ -44,7 +44,8 @@ pub fn score_page(view: &PageView<'_>) -> Page {
     if score.names.top1.of > 0 || score.cases.foreign > 0 {
         page.section("What was named");
         page.matrix(&matrix(score));
-        page.bar_lists(&[recall(score), by_ratio(score)]);
+        let by_ratio = knows_gaps(score).then(|| by_ratio(score));
+        page.bar_lists(&std::iter::once(recall(score)).chain(by_ratio).collect::<Vec<_>>());
         singles(&mut page, score);
     }
     page.section("Whether the probabilities can be relied upon");
@@ -134,11 +135,18 @@ fn matrix(score: &Score) -> Matrix {
     }
 }
 
+/// Whether it is known of any case how large its gap is, which it is not on a real bench.
+fn knows_gaps(score: &Score) -> bool {
+    !score.names.by_ratio.is_empty()
+}
+
 fn recall(score: &Score) -> BarList {
+    let is_known = knows_gaps(score);
     let item = |recall: &super::Recall| {
         let from = match recall.detectable_from {
             Some(from) => format!(", from {from}×"),
-            None => ", never".to_owned(),
+            None if is_known => ", never".to_owned(),
+            None => String::new(),
         };
         item(&recall.effect, &recall.recall, &from)
     };
@@ -146,9 +154,11 @@ fn recall(score: &Score) -> BarList {
     items.sort_by(|a, b| a.percent.total_cmp(&b.percent));
     BarList {
         title: "Recall of each effect".to_owned(),
-        caption: "How often it was named, by the class rule; the pale bar ends at the upper end of the 95 % interval. Remark: \
-                  cases, lower end of the interval, gap over noise from which on three of four are found."
-            .to_owned(),
+        caption: format!(
+            "How often it was named, by the class rule; the pale bar ends at the upper end of the 95 % interval. Remark: \
+             cases, lower end of the interval{}.",
+            if is_known { ", gap over noise from which on three of four are found" } else { "" }
+        ),
         ink: Ink::Model,
         full_percent: Some(100.0),
         items,
@@ -181,7 +191,7 @@ fn item(label: &str, rate: &Rate, more: &str) -> BarItem {
 
 fn singles(page: &mut Page, score: &Score) {
     let names = &score.names;
-    let rows = [
+    let mut rows = vec![
         ("right name by the class rule", names.top1),
         ("right name, the truth itself", names.strict_top1),
         ("right among three", names.top3),
@@ -190,10 +200,14 @@ fn singles(page: &mut Page, score: &Score) {
         ("right stage there, or right name", names.shown_stage),
         ("more effects named than there are", names.superfluous),
     ];
+    if names.shown_top1.of == 0 {
+        // None shows that much, or nobody knows the noise.
+        rows.drain(4..6);
+    }
     page.table(
         "Cases with one effect.",
         &["figure", "found", "95 % interval", "cases"],
-        &rows.map(|(name, rate)| rate_row(name, &rate)),
+        &rows.iter().map(|(name, rate)| rate_row(name, rate)).collect::<Vec<_>>(),
     );
 }
 
@@ -312,11 +326,25 @@ fn number_row(number: &Outside) -> Vec<String> {
 
 fn show_left_out(page: &mut Page, left_out: &LeftOut) {
     page.section("With the true entry struck out");
-    let rows = [("said unknown", left_out.said_unknown), ("confidently wrong", left_out.confidently_wrong)];
+    let made = format!("{} of {} cases with one effect were diagnosed so.", left_out.made, left_out.of);
+    let old = match left_out.without_best_fit {
+        0 => String::new(),
+        count => format!(
+            " {count} answers state no best fit (nothing was fitted, or an older version answered): there what the plant that is answered \
+             with leaves counts, which after unknown is what the refit leaves."
+        ),
+    };
+    page.paragraph(&format!("{made}{old}"));
+    let rows = [
+        ("said unknown; no answer is a miss", left_out.said_unknown),
+        ("confidently wrong, of those answered", left_out.confidently_wrong),
+    ];
+    let mut rows = rows.map(|(name, rate)| rate_row(name, &rate)).to_vec();
+    rows.push(vec!["no answer".into(), left_out.defects.to_string(), "–".into(), left_out.made.to_string()]);
     page.table(
-        "Cases in which the best remaining entry leaves more than 1.5 times the noise.",
+        "Cases in which the fit of the remaining entries that leaves least leaves more than 1.5 times the noise.",
         &["figure", "found", "95 % interval", "cases"],
-        &rows.map(|(name, rate)| rate_row(name, &rate)),
+        &rows,
     );
     let absorbed: Vec<Vec<String>> =
         left_out.absorbed.iter().map(|(truth, by, count)| vec![truth.clone(), by.clone(), count.to_string()]).collect();
@@ -330,7 +358,7 @@ fn show_active(page: &mut Page, active: &Active) {
     page.paragraph(&format!(
         "In {} cases whose set had several members the proposed experiment was made on the true bench and its log given to a second \
          diagnosis. The set shrank from {} to {} members on average; {} of {} were rightly named before and {} after. For {} more no \
-         command was proposed, and {} failed.",
+         command was proposed, {} failed, and {} are still to be made.",
         active.made,
         four_digits(active.mean_size[0], ""),
         four_digits(active.mean_size[1], ""),
@@ -339,6 +367,7 @@ fn show_active(page: &mut Page, active: &Active) {
         active.right[1].hits,
         active.no_command,
         active.failed,
+        active.open,
     ));
 }
 

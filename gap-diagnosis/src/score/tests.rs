@@ -174,29 +174,62 @@ fn a_small_run_by_hand() {
         score.bars.iter().filter(|bar| bar.is_met).map(|bar| bar.name).collect::<Vec<_>>(),
         ["mean size of the 90 % sets", "median closure"]
     );
-    let page = score_page(&PageView {
+    assert!(by_hand(&score).contains("<a href=\"cases/2/report.html\">2</a>"));
+}
+
+/// The page of a score, every case with a report of its own.
+fn by_hand(score: &Score) -> String {
+    let view = PageView {
         title: "Blind check",
         subtitle: "by hand",
-        score: &score,
+        score,
         report: &|id| format!("cases/{id}/report.html"),
         facts: &[],
         warnings: &[],
         provenance: &[],
-    });
-    assert!(page.to_html().contains("<a href=\"cases/2/report.html\">2</a>"));
+    };
+    score_page(&view).to_html()
+}
+
+#[test]
+fn what_nobody_knows_of_a_real_bench_is_not_stated() {
+    let told = |is_known: bool| {
+        let of = |name: &str| {
+            let known = Truth { stage: Some("structure".into()), ..truth(&["creep"]) };
+            let measured = Truth { gap_over_noise: None, noise_um: None, ..known.clone() };
+            case("", if is_known { known } else { measured }, sure(name))
+        };
+        let score = score(&[of("end_stop"), of("backlash")], None, None);
+        let html = by_hand(&score);
+        let texts = [
+            "%, never",
+            "gap over noise from which",
+            "leaves 3 times the noise",
+            "right stage there",
+            "by gap over noise",
+        ];
+        (score.names.shown_top1.of, texts.map(|text| html.contains(text)))
+    };
+    assert_eq!(told(true), (2, [true; 5]));
+    assert_eq!(told(false), (0, [false; 5]));
 }
 
 #[test]
 fn causes_in_their_order() {
-    let wrong = |gap_um: f64, is_textbook_form: bool| {
+    let wrong_of = |effect: &str, gap_um: f64, is_textbook_form: bool| {
         let mut said = answer(&["creep"], &[("creep", 1.0)], &["creep"], &[]);
         said.gap.refit_rms_um = Some(gap_um);
-        failure::failures(&[case("", Truth { is_textbook_form, ..truth(&["end_stop"]) }, said)])[0].cause
+        failure::failures(&[case("", Truth { is_textbook_form, ..truth(&[effect]) }, said)])[0].cause
     };
+    let wrong = |gap_um, is_textbook_form| wrong_of("end_stop", gap_um, is_textbook_form);
     // The noise is 0.01: 0.014 is 0.98 of it beyond the noise, 0.0142 is 1.008.
     assert_eq!(wrong(0.014, false), Cause::BelowNoise);
     assert_eq!(wrong(0.0142, false), Cause::WrongForm);
     assert_eq!(wrong(0.0142, true), Cause::Defect);
+    // What the numbers take for themselves is no smaller for it, a zero that the file states among them.
+    for effect in ["payload_mass", "sensor_gain", "sensor_offset", "asymmetric_hysteresis"] {
+        assert_eq!(wrong_of(effect, 0.014, true), Cause::Defect, "{effect}");
+    }
 }
 
 #[test]
@@ -219,17 +252,43 @@ fn second_diagnoses_by_hand() {
         said.gap.augmented_rms_um = Some(left_um);
         case("", truth(&["end_stop"]), said)
     };
-    // The noise is 0.01 um: 0.02 is not absorbed, 0.011 is.
-    let found = left_out(&[leaving(UNKNOWN, 0.02), leaving("creep", 0.02), leaving("creep", 0.011)]);
-    assert_eq!((found.said_unknown.hits, found.said_unknown.of, found.confidently_wrong.hits), (1, 2, 1));
-    assert_eq!(found.absorbed, [("end_stop".to_owned(), "creep".to_owned(), 1)]);
+    let fitted = |name: &str, left_um: f64, rms_over_noise: f64| {
+        let mut case = leaving(name, left_um);
+        case.answer.as_mut().unwrap().best_fit = Some(BestFit { rms_over_noise });
+        case
+    };
+    let mut noisy = fitted("creep", 0.02, 1.0);
+    noisy.answer.as_mut().unwrap().gap.noise_rms_um = Some(0.02);
+    // The noise is 0.01 um, whatever passes for it: 0.02 is not absorbed, 0.011 is. Where a best fit is stated that counts, whatever the answer leaves.
+    let found = left_out(
+        &[
+            leaving(UNKNOWN, 0.02),
+            leaving("creep", 0.02),
+            leaving("creep", 0.011),
+            fitted(UNKNOWN, 0.02, 1.1),
+            fitted("creep", 0.011, 1.6),
+            noisy,
+            Case { answer: Err("exit code 4".into()), ..leaving(UNKNOWN, 0.02) },
+        ],
+        9,
+    );
+    assert_eq!((found.said_unknown.hits, found.said_unknown.of), (1, 5));
+    assert_eq!((found.confidently_wrong.hits, found.confidently_wrong.of), (3, 4));
+    let absorbed =
+        [("creep", 1), (UNKNOWN, 1)].map(|(answer, count)| ("end_stop".to_owned(), answer.to_owned(), count));
+    assert_eq!(found.absorbed, absorbed);
+    assert_eq!((found.made, found.of, found.defects, found.without_best_fit), (7, 9, 1, 3));
+    let html = by_hand(&score(&[], Some(found), None));
+    assert!(html.contains("7 of 9 cases with one effect") && html.contains("3 answers state no best fit"));
 
     let wide = answer(&["creep"], &[("creep", 0.5), ("end_stop", 0.5)], &["creep", "end_stop"], &[]);
     let before = case("", truth(&["end_stop"]), wide);
-    let tried = |after: Option<Case>| Tried { before: &before, after };
+    let tried = |then: Then| Tried { before: &before, then };
     let failed = Case { answer: Err("exit code 4".into()), ..before.clone() };
-    let found = active(&[tried(Some(leaving("end_stop", 0.0))), tried(None), tried(Some(failed))]);
-    assert_eq!((found.made, found.no_command, found.failed, found.mean_size), (1, 1, 1, [2.0, 1.0]));
+    let made = Then::Made(Box::new(leaving("end_stop", 0.0)));
+    let found = active(&[tried(made), tried(Then::NoCommand), tried(Then::Made(Box::new(failed))), tried(Then::Open)]);
+    assert_eq!((found.made, found.no_command, found.failed, found.open), (1, 1, 1, 1));
+    assert_eq!(found.mean_size, [2.0, 1.0]);
     assert_eq!((found.right[0].hits, found.right[1].hits, found.covered.hits), (0, 1, 1));
 }
 

@@ -33,10 +33,8 @@ pub struct Drive {
     pub gain_growth_per_v: f64,
     /// c in u (1 + c u), an even nonlinearity in 1/V.
     pub curvature_per_v: f64,
-    /// g in u + g max(u - `changes_at_v`, 0): by how much the gain is another one above some voltage.
-    pub gain_change: f64,
-    /// That voltage.
-    pub changes_at_v: f64,
+    /// Voltages above which the gain is another one; their sum.
+    pub steeper: Vec<Steeper>,
     /// Fastest rise of the output in V/s; infinite for none.
     pub slew_v_per_s: f64,
     /// Fastest fall of the output in V/s; infinite for none.
@@ -45,12 +43,12 @@ pub struct Drive {
     pub discharge_ratio: f64,
     /// Bandwidth of the output.
     pub lag: Option<Lag>,
-    /// How a first-order lag grows with the output.
+    /// How the lag grows with the output.
     pub lag_growth: Growth,
     /// A share of the output that comes later than the rest.
     pub late: Option<Late>,
-    /// A gain that changes as the actuator warms.
-    pub warming: Option<Warming>,
+    /// Gains that change as the actuator warms; their product.
+    pub warmings: Vec<Warming>,
     /// How that gain wanders besides; their sum.
     pub swings: Vec<Swing>,
     /// Probability that a command never arrives and the one before stays. Acts where a controller writes its commands
@@ -75,6 +73,15 @@ pub struct Hinge {
     pub at_v: f64,
     /// Half of the difference between the gains above and below.
     pub change: f64,
+}
+
+/// g max(u - at, 0), of what the curvature has left of the command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steeper {
+    /// From where on, in volts.
+    pub at_v: f64,
+    /// g.
+    pub gain_change: f64,
 }
 
 /// Gain 1 + coefficient * theta, with time_constant theta' = heating - theta.
@@ -137,15 +144,14 @@ impl Drive {
         hinges: Vec::new(),
         gain_growth_per_v: 0.0,
         curvature_per_v: 0.0,
-        gain_change: 0.0,
-        changes_at_v: 0.0,
+        steeper: Vec::new(),
         slew_v_per_s: f64::INFINITY,
         slew_down_v_per_s: f64::INFINITY,
         discharge_ratio: 1.0,
         lag: None,
         lag_growth: Growth::NONE,
         late: None,
-        warming: None,
+        warmings: Vec::new(),
         swings: Vec::new(),
         lost_share: 0.0,
     };
@@ -163,7 +169,8 @@ impl Drive {
         let amplified_v = converted_v * (1.0 + self.gain_growth_per_v * converted_v.abs())
             + self.hinges.iter().map(turned).sum::<f64>();
         let bent_v = amplified_v * (1.0 + self.curvature_per_v * amplified_v);
-        let changed_v = self.gain * (bent_v + self.gain_change * (bent_v - self.changes_at_v).max(0.0));
+        let more = |steeper: &Steeper| steeper.gain_change * (bent_v - steeper.at_v).max(0.0);
+        let changed_v = self.gain * (bent_v + self.steeper.iter().map(more).sum::<f64>());
         let wanted_v = if self.compression_per_v2 > 0.0 {
             changed_v / (1.0 + self.compression_per_v2 * changed_v * changed_v).sqrt()
         } else {
@@ -196,8 +203,9 @@ pub(super) struct Output {
 
 impl Output {
     pub(super) fn new(drive: &Drive) -> Self {
-        let bends = [drive.gain_growth_per_v, drive.curvature_per_v, drive.gain_change, drive.compression_per_v2];
-        let is_straight = drive.hinges.is_empty() && bends.into_iter().all(|bend| bend == 0.0);
+        let bends = [drive.gain_growth_per_v, drive.curvature_per_v, drive.compression_per_v2];
+        let has_kinks = !drive.hinges.is_empty() || !drive.steeper.is_empty();
+        let is_straight = !has_kinks && bends.into_iter().all(|bend| bend == 0.0);
         let is_clipped = drive.knee_v <= 0.0 && drive.slope_beyond == 0.0;
         Self { drive: drive.clone(), is_gain: is_straight && is_clipped && drive.quantum_v <= 0.0 }
     }

@@ -20,8 +20,8 @@ pub enum Lag {
     },
 }
 
-/// How a first-order lag's time constant depends on what is there: T (1 + by_side x + outwards |x|) / (1 + eager |u - x|), where the lag is
-/// at x and goes towards u, in volts or metres.
+/// How a lag's time constant (of a second-order one, both) depends on what is there: T (1 + by_side x + outwards |x|) / (1 + eager |u - x|),
+/// where the lag is at x and goes towards u, in volts or metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth {
     /// More on one side of zero than on the other, 1/V or 1/m.
@@ -46,6 +46,9 @@ impl Growth {
 const LEAST_LAG: f64 = 0.05;
 /// Most pieces of an input that moves, for a lag that is quicker for a large error.
 const MOST_PIECES: f64 = 8.0;
+/// The same of a second-order one, and what a piece times its natural frequency is, as it is where the piece begins.
+const MOST_BENT_PIECES: usize = 32;
+const BENT_PIECE: f64 = 0.25;
 /// A time constant below this acts as none, in seconds; the closed forms divide by it.
 const NEGLIGIBLE_S: f64 = 1e-12;
 /// How far a damping ratio keeps from 1, where the two poles of a second-order lag meet and the closed forms divide by zero. The
@@ -95,7 +98,7 @@ pub(super) struct Moments {
 
 impl Lag {
     /// Whether it is slow enough to be felt at all.
-    pub(super) fn acts(self) -> bool {
+    pub(crate) fn acts(self) -> bool {
         match self {
             Lag::First { time_constant_s } => time_constant_s > NEGLIGIBLE_S,
             Lag::Second { .. } => true,
@@ -169,12 +172,20 @@ impl LagState {
         if growth == Growth::NONE {
             return self.pass(lag, input, duration_s);
         }
-        if let Some(Lag::First { time_constant_s }) = lag.filter(|_| growth.eager != 0.0) {
-            let time_constant_s = (time_constant_s * growth.slower(self.value)).max(NEGLIGIBLE_S);
-            return self.pass_eager(time_constant_s, growth.eager, input, duration_s);
+        match lag.filter(|_| growth.eager != 0.0) {
+            Some(Lag::First { time_constant_s }) => {
+                let time_constant_s = (time_constant_s * growth.slower(self.value)).max(NEGLIGIBLE_S);
+                self.pass_eager(time_constant_s, growth.eager, input, duration_s)
+            }
+            Some(Lag::Second { natural_rad_per_s, .. }) => {
+                self.pass_bent(lag, natural_rad_per_s, growth, input, duration_s)
+            }
+            None => self.pass_slower(lag, growth.slower(self.value), input, duration_s),
         }
-        // What is slower by a factor sees everything faster by it.
-        let slower = growth.slower(self.value);
+    }
+
+    /// The same of a lag that is slower by a factor, which sees everything faster by it.
+    fn pass_slower(&mut self, lag: Option<Lag>, slower: f64, input: [f64; 4], duration_s: f64) -> Moments {
         let [a, b, c, d] = input;
         let input = [a, b * slower, c * slower.powi(2), d * slower.powi(3)];
         let Moments { zeroth, first, second } = self.pass(lag, input, duration_s / slower);
@@ -209,6 +220,32 @@ impl LagState {
         sum
     }
 
+    /// The same of a second-order lag that is quicker for a large error: piece by piece, as it is where each begins.
+    fn pass_bent(
+        &mut self,
+        lag: Option<Lag>,
+        natural_rad_per_s: f64,
+        growth: Growth,
+        input: [f64; 4],
+        duration_s: f64,
+    ) -> Moments {
+        let (mut sum, mut done_s) = (Moments::default(), 0.0);
+        for piece in 1..=MOST_BENT_PIECES {
+            let input = later(input, done_s);
+            let slower = growth.slower(self.value) / (1.0 + growth.eager * (input[0] - self.value).abs());
+            let left_s = duration_s - done_s;
+            let piece_s = BENT_PIECE * slower / natural_rad_per_s;
+            let is_last = piece == MOST_BENT_PIECES || piece_s >= left_s;
+            let piece_s = if is_last { left_s } else { piece_s };
+            sum.add(self.pass_slower(lag, slower, input, piece_s), done_s);
+            done_s += piece_s;
+            if is_last {
+                break;
+            }
+        }
+        sum
+    }
+
     fn decays(&mut self, poles: [Complex<f64>; 2], duration_s: f64) -> [Decay; 2] {
         if let Some(known) = self.known.iter().find(|known| known.duration_s == duration_s) {
             return known.decays;
@@ -229,6 +266,11 @@ fn settled([c0, c1, c2, c3]: [f64; 4], a: f64, b: f64) -> [f64; 4] {
 /// A cubic's value.
 pub(super) fn at([c0, c1, c2, c3]: [f64; 4], t: f64) -> f64 {
     c0 + t * (c1 + t * (c2 + t * c3))
+}
+
+/// The same cubic with its time counted from `t` on.
+pub(super) fn later(path @ [_, _, bend, twist]: [f64; 4], t: f64) -> [f64; 4] {
+    [at(path, t), slope_at(path, t), bend + 3.0 * t * twist, twist]
 }
 
 /// Its slope.

@@ -12,6 +12,8 @@ const VOLTAGE_ERROR: f64 = 3e-7;
 const SHORTEST_S: f64 = 1e-10;
 /// The same two for coarse laws: 0.4 nm.
 const COARSE_INNER: [f64; 2] = [2e-4, 1e-7];
+/// Two powers of the excess are one whose exponent is at least this.
+const LEAST_EXPONENT: f64 = 0.1;
 /// Share of the edge below which a power of the excess is straight: 0.2 mV or 0.4 nm, well above the error of the inner steps.
 const STRAIGHT: f64 = 3e-5;
 
@@ -65,7 +67,7 @@ impl Leak {
                 match bend.law {
                     BendLaw::CapacitanceSkew(skew) => leak.capacitance_skew += skew,
                     BendLaw::SlopeSkew(skew) => leak.slope_skew += skew,
-                    BendLaw::Exponent(exponent) => leak.exponent = exponent,
+                    BendLaw::Exponent(exponent) => leak.exponent = (leak.exponent + exponent - 1.0).max(LEAST_EXPONENT),
                     BendLaw::Easing { share, reference_m_per_s } => leak.eased += share / reference_m_per_s,
                     BendLaw::Widening { share, reference_v_per_s } => {
                         leak.wider += share * leak.edge_v * plant.stiffness_n_per_m / (alpha * reference_v_per_s);

@@ -20,7 +20,7 @@ mod substep;
 mod transducer;
 mod waveform;
 
-pub use drive::{Arrivals, Drive, Heat, Hinge, Late, Warming};
+pub use drive::{Arrivals, Drive, Heat, Hinge, Late, Steeper, Warming};
 pub use lag::{Growth, Lag};
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
 pub use sensor::{Cycle, Drift, Flaw, Gap, Line, Sensor, SensorState, Settling, Stairs, Swing};
@@ -111,7 +111,7 @@ pub struct Simulator {
     pace: Pace,
     /// Volts at the actuator at the present sample's start.
     acting_v: f64,
-    heat: Option<HeatState>,
+    heats: Vec<HeatState>,
     swings: Vec<Swing>,
 }
 
@@ -235,7 +235,7 @@ impl Simulator {
             sample_s,
             pace,
             acting_v: 0.0,
-            heat: chain.drive.warming.map(|warming| HeatState::new(warming, sample_s)),
+            heats: chain.drive.warmings.iter().map(|warming| HeatState::new(*warming, sample_s)).collect(),
             swings: chain.drive.swings.clone(),
         }
     }
@@ -255,16 +255,18 @@ impl Simulator {
     pub fn start_from(&mut self, state: &PhsState, drive_v: f64) {
         let mut packed = pack(state);
         let held_v = self.pace.rest_on(drive_v);
+        let missing_n = self.transducer.as_mut().map_or(0.0, |transducer| {
+            transducer.rest_on(held_v);
+            transducer.now_n()
+        });
+        let held_n = self.plant.transduction_c_per_m * held_v - missing_n;
         // Oscillators begin at rest: attached ones where the mass is, parallel ones where the held force has brought them.
         for mode in &self.modes {
             packed.extend(match mode.joint {
                 Joint::Attached { .. } => [state.displacement_m, 0.0],
-                Joint::Parallel { compliance_m_per_n } => {
-                    [compliance_m_per_n * self.plant.transduction_c_per_m * held_v, 0.0]
-                }
+                Joint::Parallel { compliance_m_per_n } => [compliance_m_per_n * held_n, 0.0],
             });
         }
-        let held_n = self.plant.transduction_c_per_m * held_v;
         if let Some(lag) = self.lag {
             // What the lag follows has been where it is for long.
             let parallel = self.modes.iter().enumerate().filter(|(_, m)| matches!(m.joint, Joint::Parallel { .. }));
@@ -283,17 +285,12 @@ impl Simulator {
             }
             packed = x;
         }
-        if let Some(transducer) = &mut self.transducer {
-            transducer.rest_on(held_v);
-        }
         self.stepper.set_state(&packed);
         for (compliance_m_per_n, mode) in &mut self.outside {
             mode.set_state(&[*compliance_m_per_n * held_n, 0.0]);
         }
         self.acting_v = held_v;
-        if let Some(heat) = &mut self.heat {
-            heat.last_v = held_v;
-        }
+        self.heats.iter_mut().for_each(|heat| heat.last_v = held_v);
         self.readout.rest_at(self.seen_m());
     }
 
@@ -343,14 +340,16 @@ impl Simulator {
 
     /// Displacement and velocity of the structure, in metres and m/s, at the present sample's start.
     pub fn motion(&self) -> (f64, f64) {
-        match &self.linear {
-            None => (self.stepper.state(0), self.stepper.state(1)),
-            Some(linear) => {
-                let row = linear.rate.0.iter().enumerate();
-                let rate = row.map(|(i, weight)| weight * self.stepper.state(i)).sum::<f64>();
-                (self.seen_m(), rate + linear.rate.1 * self.acting_v)
-            }
-        }
+        let at_once_m = self.linear.as_ref().map_or(0.0, |linear| linear.space.d * self.acting_v);
+        (self.stepper.state(0) + at_once_m, self.velocity_m_per_s())
+    }
+
+    #[inline]
+    fn velocity_m_per_s(&self) -> f64 {
+        let Some(linear) = &self.linear else { return self.stepper.state(1) };
+        let row = linear.rate.0.iter().enumerate();
+        let rate = row.map(|(i, weight)| weight * self.stepper.state(i)).sum::<f64>();
+        rate + linear.rate.1 * self.acting_v
     }
 
     /// Volts at the actuator at the present sample's start.
@@ -378,7 +377,8 @@ impl Simulator {
     pub fn advance(&mut self, command: Held, force_n: f64) {
         let sample_start_s = self.readout.time_s();
         let swung = Swing::gain(&self.swings, sample_start_s + 0.5 * self.sample_s);
-        let alpha = self.plant.transduction_c_per_m * self.heat.as_ref().map_or(1.0, HeatState::gain) * swung;
+        let from_m = self.is_massless.then(|| self.stepper.state(0));
+        let alpha = self.plant.transduction_c_per_m * self.heats.iter().map(HeatState::gain).product::<f64>() * swung;
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
         let shaking = &self.shaking;
@@ -402,7 +402,7 @@ impl Simulator {
                     if let Some(transducer) = transducer {
                         push = push.without(transducer.missing([start_v, slope, curve], step_s));
                     }
-                    // Parallel modes feel the drive and nothing else.
+                    // Parallel modes feel what drive and outer force do to the mass, without shakes and laws.
                     for (_, mode) in &mut self.outside {
                         mode.push(span, push);
                     }
@@ -418,15 +418,16 @@ impl Simulator {
                 fine.waveform.now_v()
             }
         };
-        if let Some(heat) = &mut self.heat {
-            heat.pass(self.acting_v);
-        }
-        if self.is_massless {
+        self.heats.iter_mut().for_each(|heat| heat.pass(self.acting_v));
+        if let Some(from_m) = from_m {
             let missing_n = self.transducer.as_ref().map_or(0.0, Transducer::now_n);
-            let place_m = (alpha * self.acting_v - missing_n - force_n) / self.plant.stiffness_n_per_m;
-            self.stepper.set_state(&[place_m, 0.0]);
+            let shaken_n = self.shaking.now_n(sample_start_s + self.sample_s);
+            let pull_n = alpha * self.acting_v - missing_n - force_n + shaken_n;
+            let place_m = pull_n / self.plant.stiffness_n_per_m;
+            // It goes in no time at all, so that the mean over the sample is all there is to say of its velocity.
+            self.stepper.set_state(&[place_m, (place_m - from_m) / self.sample_s]);
         }
-        self.readout.advance(self.seen_m(), self.stepper.state(1));
+        self.readout.advance(self.seen_m(), self.velocity_m_per_s());
     }
 }
 

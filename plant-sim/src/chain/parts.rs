@@ -268,7 +268,7 @@ pub enum BendLaw {
     CapacitanceSkew(f64),
     /// The leak is larger by this share for positive v and smaller for negative.
     SlopeSkew(f64),
-    /// Leak beta d/2 (x / (d/2))^p of the excess x; straight below 3e-5 of d/2.
+    /// Leak beta d/2 (x / (d/2))^p of the excess x; straight below 3e-5 of d/2. Of several p, each is a factor (x / (d/2))^(p - 1).
     Exponent(f64),
     /// The dead zone is wider by this share at a drive rate of `reference_v_per_s`, in proportion to the rate.
     Widening {

@@ -158,7 +158,7 @@ fn leak_a(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) -> f64 {
     for law in own(&chain.parts.bends, i) {
         match law {
             BendLaw::SlopeSkew(skew) => slope_s += hysteron.slope_s * skew * v.signum(),
-            BendLaw::Exponent(power) => exponent = power,
+            BendLaw::Exponent(power) => exponent += power - 1.0,
             BendLaw::Easing { share, reference_m_per_s } => {
                 slope_s += hysteron.slope_s * share * w.abs() / reference_m_per_s;
             }

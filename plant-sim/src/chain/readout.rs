@@ -2,7 +2,7 @@
 //!
 //! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
-use super::lag::{LagState, at, slope_at};
+use super::lag::{LagState, at, later};
 use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
 /// Contacts that share a joint whose plays are spread.
@@ -19,6 +19,8 @@ pub(super) struct Readout {
     is_affine: bool,
     sample_s: f64,
     sample: u64,
+    /// A structure without mass goes in straight lines from row to row, as far as anybody knows.
+    goes_straight: bool,
     /// Nothing but play without drag stands before the lag.
     lags_behind_plain_play: bool,
     /// Displacement behind each play at this sample, of as many as there are; then the mean's, and its velocity.
@@ -61,6 +63,7 @@ impl Readout {
             lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && is_plain && is_alone,
             sensor: Sensor { lag, ..sensor.clone() },
             is_affine: sensor.is_affine(),
+            goes_straight: parts.is_massless,
             sample_s,
             sample: 0,
             contacts_m: [0.0; CONTACTS],
@@ -109,6 +112,9 @@ impl Readout {
     #[inline]
     pub(super) fn advance(&mut self, displacement_m: f64, velocity_m_per_s: f64) {
         self.sample += 1;
+        if self.goes_straight {
+            (self.structure[1], self.behind_m_per_s) = (velocity_m_per_s, velocity_m_per_s);
+        }
         let (from, sample_s) = (self.structure, self.sample_s);
         self.structure = [displacement_m, velocity_m_per_s];
         let path = || hermite(from, [displacement_m, velocity_m_per_s], sample_s);
@@ -277,11 +283,6 @@ fn reached_s(path: [f64; 4], value: f64, [mut before_s, mut after_s]: [f64; 2]) 
         }
     }
     after_s
-}
-
-/// The same cubic with its time counted from `t` on.
-fn later(path @ [_, _, bend, twist]: [f64; 4], t: f64) -> [f64; 4] {
-    [at(path, t), slope_at(path, t), bend + 3.0 * t * twist, twist]
 }
 
 #[cfg(test)]

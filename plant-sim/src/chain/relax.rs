@@ -33,7 +33,8 @@ pub(super) fn relax(
             return (end, sum);
         }
         let left = duration_s - t;
-        let last = step >= left * (1.0 - 1e-9) || tried + 1 == MOST;
+        // What is no number any more stays none in one step.
+        let last = step >= left * (1.0 - 1e-9) || step.is_nan() || y.is_nan() || tried + 1 == MOST;
         let tau = if last { left } else { step };
         // What has no end gets steps that have: a corner met again and again.
         let shortest_s = if tried < PATIENCE { shortest_s } else { shortest_s.max(1e-3 * duration_s) };

@@ -18,11 +18,11 @@ pub struct Sensor {
     pub drag_s: f64,
     /// Where it creeps to, in halves of the play from its middle: -1 or 1 where a spring takes the play up.
     pub drag_to: f64,
-    /// Lost motion at one place: the reading stands still while the structure crosses it.
-    pub gap: Option<Gap>,
+    /// Lost motion at single places: the reading stands still while the structure crosses one.
+    pub gaps: Vec<Gap>,
     /// Bandwidth.
     pub lag: Option<Lag>,
-    /// How a first-order lag grows with the displacement.
+    /// How the lag grows with the displacement.
     pub lag_growth: Growth,
     /// How much later than the log says its rows are read in the mean, in seconds, as far as the structure's velocity tells: what errors of the instants
     /// have in common.
@@ -31,8 +31,8 @@ pub struct Sensor {
     pub gain: f64,
     /// Half of the difference between the gains on either side of zero: an instrument of two halves.
     pub gain_skew: f64,
-    /// How the gain changes while the instrument warms up, from the log's start on.
-    pub settling: Option<Settling>,
+    /// How the gain changes while the instrument warms up, from the log's start on; their product.
+    pub settlings: Vec<Settling>,
     /// How the gain wanders besides; their sum.
     pub swings: Vec<Swing>,
     /// c2 in y + c2 y^2 + c3 y^3, 1/m.
@@ -175,13 +175,13 @@ impl Sensor {
         play_spread: 0.0,
         drag_s: f64::INFINITY,
         drag_to: 0.0,
-        gap: None,
+        gaps: Vec::new(),
         lag: None,
         lag_growth: Growth::NONE,
         late_s: 0.0,
         gain: 1.0,
         gain_skew: 0.0,
-        settling: None,
+        settlings: Vec::new(),
         swings: Vec::new(),
         quadratic_per_m: 0.0,
         cubic_per_m2: 0.0,
@@ -220,24 +220,20 @@ impl Sensor {
     /// Whether [`Sensor::predictable_m`] is a gain and an offset.
     pub(super) fn is_affine(&self) -> bool {
         let is_straight =
-            self.gap.is_none() && self.gain_skew == 0.0 && self.quadratic_per_m == 0.0 && self.cubic_per_m2 == 0.0;
+            self.gaps.is_empty() && self.gain_skew == 0.0 && self.quadratic_per_m == 0.0 && self.cubic_per_m2 == 0.0;
         let is_steady =
-            self.settling.is_none() && self.swings.is_empty() && self.drifts.is_empty() && self.lines.is_empty();
+            self.settlings.is_empty() && self.swings.is_empty() && self.drifts.is_empty() && self.lines.is_empty();
         is_straight && is_steady && self.flaws.is_empty() && self.cycles.is_empty() && self.stairs.is_none()
     }
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
     pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
-        let displacement_m = match self.gap {
-            Some(Gap { at_m, width_m }) => {
-                displacement_m - (displacement_m - at_m).clamp(-0.5 * width_m, 0.5 * width_m)
-            }
-            None => displacement_m,
-        };
+        let lost = |gap: &Gap| (displacement_m - gap.at_m).clamp(-0.5 * gap.width_m, 0.5 * gap.width_m);
+        let displacement_m = displacement_m - self.gaps.iter().map(lost).sum::<f64>();
         let bent =
             displacement_m * (1.0 + displacement_m * (self.quadratic_per_m + displacement_m * self.cubic_per_m2));
-        let settled =
-            self.settling.map_or(1.0, |settling| 1.0 - settling.share * (-time_s / settling.time_constant_s).exp_m1());
+        let settled = |settling: &Settling| 1.0 - settling.share * (-time_s / settling.time_constant_s).exp_m1();
+        let settled = self.settlings.iter().map(settled).product::<f64>();
         let bent = bent + self.gain_skew * displacement_m.abs();
         let mut reading_m = self.gain * settled * Swing::gain(&self.swings, time_s) * bent + self.offset_m;
         for flaw in &self.flaws {
@@ -274,7 +270,15 @@ pub struct SensorState {
 impl SensorState {
     /// A sensor whose noise is determined by `seed`.
     pub fn new(sensor: &Sensor, seed: u64) -> Self {
-        Self { sensor: sensor.clone(), noise: Pcg64::seed_from_u64(seed), slow_m: 0.0, last_m: None }
+        let mut noise = Pcg64::seed_from_u64(seed);
+        let slow_m = if sensor.slow_noise_m > 0.0 {
+            // It has been there for long.
+            let normal: f64 = StandardNormal.sample(&mut noise);
+            sensor.slow_noise_m * normal
+        } else {
+            0.0
+        };
+        Self { sensor: sensor.clone(), noise, slow_m, last_m: None }
     }
 
     /// The logged number for a predictable reading of a structure that moves at `velocity_m_per_s`, one sample of `sample_s` after the

@@ -21,6 +21,15 @@ impl Shaking {
         self.shakes.is_empty()
     }
 
+    /// The force of all of them at one instant.
+    pub(super) fn now_n(&self, time_s: f64) -> f64 {
+        let one = |(Shake { hz, cos_n, sin_n }, _): &(Shake, _)| {
+            let (sin, cos) = (TAU * hz * time_s).sin_cos();
+            cos_n * cos + sin_n * sin
+        };
+        self.shakes.iter().map(one).sum()
+    }
+
     /// The force of all of them over `span` from `from_s` on, as the parabola with the same three moments.
     pub(super) fn push(&self, span: usize, from_s: f64) -> Push {
         let mut sum = Push::default();

@@ -21,8 +21,12 @@ use std::f64::consts::TAU;
 const SUBSTEP: f64 = 0.3;
 /// The same of coarse laws: paths are off by a nanometre or two then.
 const COARSE_SUBSTEP: f64 = 0.6;
-/// Most sub-steps in a sample.
+/// Most sub-steps in a sample, but for slow ones.
 const MOST: f64 = 64.0;
+/// Rows slower than this may have as many more sub-steps, in seconds.
+const USUAL_ROW_S: f64 = 2e-4;
+/// Most sub-steps in any sample: half a second of computing. Of a row that is longer still the path is not foreseen, and it shows: it runs away.
+const MOST_EVER: f64 = 1_048_576.0;
 /// A leak faster than this over a sub-step keeps its hysteron on its edge, as far as the path is concerned.
 const STIFF: f64 = 0.5;
 /// Error of a velocity in one inner step, m/s: what creeps with it for a second creeps by 10 nm at most, and by far less because errors alternate.
@@ -120,32 +124,31 @@ pub(super) fn without_bent_leaks(plant: &Phs, bends: &[Bend]) -> Phs {
 /// that shifts a parameter by little hardly ever changes them.
 pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64) -> [usize; 2] {
     let springs: f64 = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f).sum();
-    let added: f64 = parts
-        .forces
-        .iter()
-        .map(|force| match *force {
-            Force::Fourth { fourth_n_per_m4 } => 4.0 * fourth_n_per_m4.abs() * stroke_m.powi(3),
-            Force::Fifth { fifth_n_per_m5 } => 5.0 * fifth_n_per_m5.abs() * stroke_m.powi(4),
-            Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
-                2.0 * quadratic_n_per_m2.abs() * stroke_m + 3.0 * cubic_n_per_m3.abs() * stroke_m * stroke_m
-            }
-            Force::OneSided { stiffness_n_per_m }
-            | Force::Gradual { stiffness_n_per_m, .. }
-            | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
-            Force::Pad { at_m, stiffness_n_per_m, exponent } => {
-                // As far beyond it as the way to it, at the most.
-                let deepest = in_pad(at_m.abs(), stroke_m).1.clamp(1.0, 10.0);
-                exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
-            }
-            Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
-            Force::Slider { coulomb_n, slip_m } | Force::Patch { coulomb_n, slip_m, .. } => {
-                coulomb_n.abs() / slip_m.max(1e-12)
-            }
-            Force::Detent { period_m, sin_n, cos_n } => TAU / period_m.abs().max(1e-12) * sin_n.hypot(cos_n),
-            Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
-            Force::Smooth { .. } | Force::Power { .. } => 0.0,
-        })
-        .sum();
+    let stiffness_of = |force: &Force| match *force {
+        Force::Fourth { fourth_n_per_m4 } => 4.0 * fourth_n_per_m4.abs() * stroke_m.powi(3),
+        Force::Fifth { fifth_n_per_m5 } => 5.0 * fifth_n_per_m5.abs() * stroke_m.powi(4),
+        Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
+            2.0 * quadratic_n_per_m2.abs() * stroke_m + 3.0 * cubic_n_per_m3.abs() * stroke_m * stroke_m
+        }
+        Force::OneSided { stiffness_n_per_m }
+        | Force::Gradual { stiffness_n_per_m, .. }
+        | Force::Stop { stiffness_n_per_m, .. } => stiffness_n_per_m.abs(),
+        Force::Pad { at_m, stiffness_n_per_m, exponent } => {
+            // As far beyond it as the way to it, at the most.
+            let deepest = in_pad(at_m.abs(), stroke_m).1.clamp(1.0, 10.0);
+            exponent * stiffness_n_per_m.abs() * deepest.powf(exponent - 1.0).max(1.0)
+        }
+        Force::Presliding { coulomb_n, presliding_m } => coulomb_n.abs() / presliding_m.max(1e-12),
+        Force::Slider { coulomb_n, slip_m } | Force::Patch { coulomb_n, slip_m, .. } => {
+            coulomb_n.abs() / slip_m.max(1e-12)
+        }
+        Force::Detent { period_m, sin_n, cos_n } => TAU / period_m.abs().max(1e-12) * sin_n.hypot(cos_n),
+        Force::BoucWen(law) => law.slopes(law.amplitude * stroke_m)[1].abs(),
+        Force::Smooth { .. } | Force::Power { .. } => 0.0,
+    };
+    let added: f64 = parts.forces.iter().map(stiffness_of).sum();
+    // Friction that gives way can't push the mass far, whatever its stiffness.
+    let lasting: f64 = parts.forces.iter().filter(|force| !gives_way(force)).map(stiffness_of).sum();
     let stiffness = plant.stiffness_n_per_m + springs;
     let mut rate = (stiffness / plant.mass_kg).sqrt();
     for mode in &parts.modes {
@@ -155,8 +158,15 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     }
     let (substep, most, shorter) =
         if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST, 1.0) } else { (SUBSTEP, MOST, 2.0) };
-    let count = |rate: f64| (rate * sample_s / substep).log2().ceil().exp2().clamp(1.0, most) as usize;
-    let idle = count(rate);
+    // Where a rate times a sub-step is 3, the cubic that foresees the path lies metres off and the plant runs away: 1 is far enough from that.
+    let whole = |steps: f64| steps.log2().ceil().exp2();
+    let least = whole(rate * sample_s);
+    let slower = whole(sample_s / USUAL_ROW_S).max(1.0);
+    let count = |rate: f64, of_laws: f64| {
+        let most = most.max(least).max(whole(of_laws * sample_s).min(most * slower)).min(MOST_EVER);
+        whole(rate * sample_s / substep).max(1.0).min(most) as usize
+    };
+    let idle = count(rate, 0.0);
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
     let rate = rate.max((added / plant.mass_kg).sqrt() * shorter);
     // A widening acts like a damper.
@@ -168,8 +178,14 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
         _ => 0.0,
     };
     let losses: f64 = parts.forces.iter().map(lossy).sum();
-    let count_of_laws = count(rate.max(4.0 * (widening + losses) / plant.mass_kg));
+    let damped = 4.0 * (widening + losses) / plant.mass_kg;
+    let count_of_laws = count(rate.max(damped), damped.max((lasting / plant.mass_kg).sqrt()));
     [count_of_laws, if may_be_idle(parts) { idle } else { count_of_laws }]
+}
+
+/// Whether a force of place has a largest value.
+fn gives_way(force: &Force) -> bool {
+    matches!(force, Force::Presliding { .. } | Force::Slider { .. } | Force::Patch { .. } | Force::Detent { .. })
 }
 
 /// Whether the laws are such that [`Laws::idle_n`] ever tells that none is at work.
@@ -490,7 +506,8 @@ impl Laws {
                 {
                     // What is beyond a widened edge follows the edge back; beyond a plain one it is the leak's own lag.
                     let (low, high) = if leak.is_some() { (-edge_v, edge_v) } else { (v.min(-edge_v), v.max(edge_v)) };
-                    closed_v.clamp(low, high)
+                    // Where a search has led the plant to where it is no number any more, neither are these, on which `clamp` panics.
+                    closed_v.max(low).min(high)
                 }
             } else {
                 let excess_v = v - v.clamp(-hysteron.edge_v, hysteron.edge_v);

@@ -142,14 +142,16 @@ impl Waveform {
         if self.output.drive.slew_v_per_s.min(self.output.drive.slew_down_v_per_s) == f64::INFINITY {
             return sum.add(self.pass(from_v, slope, duration_s), at_s);
         }
-        let crossing_s = self.chase([from_v, slope], at_s, duration_s, sum);
-        if crossing_s < duration_s {
-            // Beyond zero another limit may hold.
-            self.chase([from_v + slope * crossing_s, slope], at_s + crossing_s, duration_s - crossing_s, sum);
+        let (mut line_v, mut done_s) = (from_v, 0.0);
+        while done_s < duration_s {
+            let phase_s = self.chase([line_v, slope], at_s + done_s, duration_s - done_s, sum);
+            line_v += slope * phase_s;
+            done_s += phase_s;
         }
     }
 
-    /// Ramps towards the line `from_v + slope t`, then follows it if it can; until the ramp crosses zero. Returns how long that was.
+    /// Ramps towards the line `from_v + slope t`, or follows it as far as the limits let it, for `duration_s` or until it meets the line or gets to
+    /// zero, beyond which another limit may hold. Returns how long that was.
     fn chase(&mut self, [from_v, slope]: [f64; 2], at_s: f64, duration_s: f64, sum: &mut Moments) -> f64 {
         let Drive { slew_v_per_s, slew_down_v_per_s, discharge_ratio, .. } = self.output.drive;
         let apart = from_v - self.slewed_v;
@@ -157,27 +159,24 @@ impl Waveform {
         let goes_back = if rises { self.slewed_v < 0.0 } else { self.slewed_v > 0.0 };
         let most = if rises { slew_v_per_s } else { slew_down_v_per_s } * if goes_back { discharge_ratio } else { 1.0 };
         let ramp = if rises { most } else { -most };
-        let meeting_s = if apart == 0.0 { 0.0 } else { apart / (ramp - slope) };
-        let mut chasing_s = if slope.abs() >= most && apart * slope >= 0.0 || meeting_s < 0.0 {
-            duration_s
+        let is_steep = slope.abs() > most;
+        let rate = if apart == 0.0 && !is_steep { slope } else { ramp };
+        let closes = rate - slope;
+        let meeting_s = if apart * closes > 0.0 { apart / closes } else { f64::INFINITY };
+        let has_end = goes_back && discharge_ratio != 1.0 && rate != 0.0;
+        let zero_s = if has_end { -self.slewed_v / rate } else { f64::INFINITY };
+        let phase_s = meeting_s.min(zero_s).min(duration_s);
+        if phase_s > 0.0 {
+            sum.add(self.pass(self.slewed_v, rate, phase_s), at_s);
+        }
+        self.slewed_v = if phase_s == meeting_s || apart == 0.0 && !is_steep {
+            from_v + slope * phase_s
+        } else if phase_s == zero_s {
+            0.0
         } else {
-            meeting_s.min(duration_s)
+            self.slewed_v + rate * phase_s
         };
-        let crossing_s = if goes_back && discharge_ratio != 1.0 { -self.slewed_v / ramp } else { f64::INFINITY };
-        let ends_s = if crossing_s < chasing_s { crossing_s } else { duration_s };
-        chasing_s = chasing_s.min(ends_s);
-        if chasing_s > 0.0 {
-            sum.add(self.pass(self.slewed_v, ramp, chasing_s), at_s);
-            self.slewed_v += ramp * chasing_s;
-        }
-        if ends_s > chasing_s {
-            let start_v = from_v + slope * chasing_s;
-            sum.add(self.pass(start_v, slope, ends_s - chasing_s), at_s + chasing_s);
-            self.slewed_v = start_v + slope * (ends_s - chasing_s);
-        } else if ends_s < duration_s {
-            self.slewed_v = 0.0;
-        }
-        ends_s
+        phase_s
     }
 
     fn pass(&mut self, from_v: f64, slope: f64, duration_s: f64) -> Moments {

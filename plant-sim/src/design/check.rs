@@ -24,6 +24,15 @@ pub struct Peak {
     pub tripped: bool,
 }
 
+/// Down to which rate a loop is stable, in hertz.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LowestRate {
+    /// Below this one it is not.
+    Edge(f64),
+    /// To this one at the least: no lower one was tried.
+    AtMost(f64),
+}
+
 /// What `design --check` says.
 #[derive(Clone, Debug)]
 pub struct Check {
@@ -31,8 +40,8 @@ pub struct Check {
     pub assessment: Assessment,
     /// Largest delay at this rate up to which every region is stable, in seconds; `None` for a loop that is unstable as it is.
     pub largest_delay_s: Option<f64>,
-    /// Lowest rate at this delay down to which every region is stable, in hertz; `None` likewise.
-    pub lowest_rate_hz: Option<f64>,
+    /// Lowest rate at this delay down to which every region is stable; `None` likewise.
+    pub lowest_rate: Option<LowestRate>,
     /// A proof of global stability, or why there is none; for hysterons only.
     pub certificate: Option<Certificate>,
     /// Peaks, the worst first.
@@ -59,10 +68,18 @@ pub fn check(frame: &Frame<'_>, model: &Model) -> Result<Check, DesignError> {
     let is_stable = !matches!(assessment.verdict, Verdict::Unstable { .. });
     let margin_s = assessment.delay_margin_s.value;
     let largest_delay_s = is_stable.then_some(frame.delay_s + margin_s);
-    let lowest_rate_hz = is_stable.then(|| lowest_rate(&law, stable));
-    let linear = frame.chain.parts.linear.is_some() || frame.chain.parts.transducer.is_some();
-    let bent = !frame.chain.parts.forces.is_empty() || !frame.chain.parts.bends.is_empty();
-    let certificate = (!linear && !bent).then(|| certify(&frame.chain.plant, Law::Sampled(law)));
+    let lowest_rate = is_stable.then(|| lowest_rate(&law, stable));
+    let parts = &frame.chain.parts;
+    let has_hysterons = parts.linear.is_none() && parts.transducer.is_none();
+    let certificate = has_hysterons.then(|| {
+        if frame.chain.is_bare() {
+            certify(&frame.chain.plant, Law::Sampled(law))
+        } else {
+            Certificate::refused(
+                "the proof knows mass, spring, damper and hysterons, and the plant states more than these",
+            )
+        }
+    });
     let mut peaks = Vec::new();
     if is_stable {
         for (plant, chain) in corners(model, frame.chain) {
@@ -70,10 +87,10 @@ pub fn check(frame: &Frame<'_>, model: &Model) -> Result<Check, DesignError> {
         }
     }
     peaks.sort_by(|a, b| b.peak_m.total_cmp(&a.peak_m));
-    Ok(Check { assessment, largest_delay_s, lowest_rate_hz, certificate, peaks })
+    Ok(Check { assessment, largest_delay_s, lowest_rate, certificate, peaks })
 }
 
-fn lowest_rate(law: &Loop, stable: impl Fn(&Loop) -> bool) -> f64 {
+fn lowest_rate(law: &Loop, stable: impl Fn(&Loop) -> bool) -> LowestRate {
     let at = |rate_hz: f64| stable(&Loop { rate_hz, ..*law });
     let mut rate_hz = law.rate_hz;
     while rate_hz * RATE_STEP > LOWEST_SHARE * law.rate_hz {
@@ -83,11 +100,11 @@ fn lowest_rate(law: &Loop, stable: impl Fn(&Loop) -> bool) -> f64 {
                 let middle = 0.5 * (low + high);
                 if at(middle) { high = middle } else { low = middle }
             }
-            return high;
+            return LowestRate::Edge(high);
         }
         rate_hz *= RATE_STEP;
     }
-    rate_hz
+    LowestRate::AtMost(rate_hz)
 }
 
 /// The plant, and the same softer and stiffer, with more and less drive, by its stated sigma.
@@ -113,9 +130,10 @@ fn peaks_of(frame: &Frame<'_>, plant: &'static str) -> Result<Vec<Peak>, DesignE
     let asked_m = if clamp_m.is_finite() { clamp_m } else { 100e-6 };
     let um = asked_m * 1e6;
     let resonance = frame.chain.linear_regions()?;
-    // The frequency of the plant with every hysteron shut: what a reference excites most.
+    // The first resonance of the plant with every hysteron shut: what a reference excites most.
     let shut = resonance.last().map(|region| crate::linear::poles(&region.a)).unwrap_or_default();
-    let hz = shut.iter().map(|z| z.im.abs()).fold(0.0, f64::max) / std::f64::consts::TAU;
+    let first = shut.iter().map(|z| z.im.abs()).filter(|im| *im > 0.0).reduce(f64::min);
+    let hz = first.unwrap_or(0.0) / std::f64::consts::TAU;
     let mut scenarios = vec![
         (format!("step to {um:.0} um"), single(Shape::Step, asked_m)),
         (format!("square wave of {um:.0} um at 40 Hz, full reversals"), single(Shape::Square { hz: 40.0 }, asked_m)),

@@ -14,12 +14,12 @@ mod locus;
 mod place;
 mod track;
 
-pub use check::{Check, Peak, check};
+pub use check::{Check, LowestRate, Peak, check};
 pub use locus::{Branch, continuous, sampled_locus};
 pub use place::{Placement, Skeleton, place};
 pub use track::{AMPLITUDE_M, SINES_HZ, tracking};
 
-use crate::chain::{Chain, Lag};
+use crate::chain::Chain;
 use crate::experiment::{ExperimentError, Program, Recording, Setup, closed_loop_inverse, sampled_loop};
 use crate::margins::{Assessment, Loop, MarginError, Verdict, assess};
 use crate::metrics::{LoopMetrics, Task, loop_metrics};
@@ -135,13 +135,7 @@ impl Frame<'_> {
 
     /// The sampled loop that `settings` close, for margins.
     pub fn law(&self, settings: &Settings) -> Loop {
-        // An amplifier's lag counts as a delay as long as its group delay: it turns the phase by less, and damps besides.
-        let lag_s = match self.chain.drive.lag {
-            Some(Lag::First { time_constant_s }) => time_constant_s,
-            Some(Lag::Second { natural_rad_per_s, damping_ratio }) => 2.0 * damping_ratio / natural_rad_per_s,
-            None => 0.0,
-        };
-        sampled_loop(settings, self.rate_hz(), self.delay_s + self.chain.drive.delay_s + lag_s)
+        sampled_loop(settings, self.rate_hz(), self.delay_s, self.chain)
     }
 
     /// Runs `spec` through the loop with the frame's own gains, from the relaxed plant.

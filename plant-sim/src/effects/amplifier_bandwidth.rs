@@ -1,6 +1,6 @@
 //! Amplifier bandwidth: the drive follows the command with a lag.
 
-use super::parts::{add_first, add_second, come_late};
+use super::parts::{add_first, add_grown, add_second, come_late};
 use super::sensor_bandwidth::tail;
 use super::{About, Form, Parameter, Scales, spaced};
 
@@ -65,24 +65,21 @@ const FORMS: &[Form] = &[
         "growing",
         |scales| growing(scales, "growth_per_v", "1/V", scales.drive_v),
         |chain, p| {
-            add_first(&mut chain.drive.lag, p[0]);
-            chain.drive.lag_growth.by_side = p[1];
+            add_grown(&mut chain.drive.lag, p[0], &mut chain.drive.lag_growth.by_side, p[1]);
         },
     ),
     Form::predictable(
         "growing-outwards",
         |scales| growing(scales, "growth_per_v", "1/V", scales.drive_v),
         |chain, p| {
-            add_first(&mut chain.drive.lag, p[0]);
-            chain.drive.lag_growth.outwards = p[1];
+            add_grown(&mut chain.drive.lag, p[0], &mut chain.drive.lag_growth.outwards, p[1]);
         },
     ),
     Form::predictable(
         "eager",
         |scales| eager(scales, "eagerness_per_v", "1/V", scales.drive_v),
         |chain, p| {
-            add_first(&mut chain.drive.lag, p[0]);
-            chain.drive.lag_growth.eager = p[1];
+            add_grown(&mut chain.drive.lag, p[0], &mut chain.drive.lag_growth.eager, p[1]);
         },
     ),
 ];

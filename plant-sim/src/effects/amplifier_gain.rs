@@ -35,14 +35,15 @@ fn ripple(_: &Scales<'_>) -> Vec<Parameter> {
 }
 
 fn add_ripple(chain: &mut Chain, mains_hz: f64, p: &[f64]) {
+    // A swing is one at the log's start; a ripple is one in the mean and this at the start.
+    let start = 1.0 + p.iter().step_by(2).sum::<f64>();
     let swing = |(harmonic, shares): (usize, &[f64])| Swing {
         hz: mains_hz * (harmonic + 1) as f64,
-        cos_share: shares[0],
-        sin_share: shares[1],
+        cos_share: -shares[0] / start,
+        sin_share: shares[1] / start,
     };
     chain.drive.swings.extend(p.chunks_exact(2).enumerate().map(swing));
-    // A swing is one at the log's start; a ripple is one in the mean.
-    chain.drive.gain *= 1.0 - p.iter().step_by(2).sum::<f64>();
+    chain.drive.gain *= start;
 }
 
 const FORMS: &[Form] = &[

@@ -2,7 +2,7 @@
 
 use super::parts::{add_plays, add_spectrum, bend, bend_all, bend_slowest, plays, spectrum};
 use super::{About, Form, Parameter, Scales};
-use crate::chain::{BendLaw, Chain};
+use crate::chain::{BendLaw, Chain, Steeper};
 
 effect!(AsymmetricHysteresis, "asymmetric_hysteresis", Actuator);
 
@@ -45,8 +45,9 @@ fn curvature(scales: &Scales<'_>) -> Parameter {
 }
 
 fn lean(chain: &mut Chain, p: &[f64], towards: f64) {
-    add_plays(chain, p, towards * p[2]);
-    chain.drive.curvature_per_v += p[3];
+    if add_plays(chain, p, towards * p[2]) {
+        chain.drive.curvature_per_v += p[3];
+    }
 }
 
 /// A hysteresis of the voltage that is larger under one polarity than under the other; with a skew of nothing it would be an extra hysteron.
@@ -76,8 +77,9 @@ const FORMS: &[Form] = &[
     Form::predictable("plays-down", leaning, |chain, p| lean(chain, p, -1.0)),
     Form::predictable("leaning-spectrum", leaning_spectrum, |chain, p| {
         let (curvature_per_v, spectrum) = (p[0], &p[1..]);
-        add_spectrum(chain, spectrum);
-        chain.drive.curvature_per_v += curvature_per_v;
+        if add_spectrum(chain, spectrum) {
+            chain.drive.curvature_per_v += curvature_per_v;
+        }
     }),
     // The same on the other side of a place is this and a gain.
     Form::predictable(
@@ -90,9 +92,6 @@ const FORMS: &[Form] = &[
                 Parameter::place("from_v", "V", [0.03, 0.97].map(at), [0.2, 0.4, 0.6, 0.8].map(at).to_vec()),
             ]
         },
-        |chain, p| {
-            chain.drive.gain_change += p[0];
-            chain.drive.changes_at_v = p[1];
-        },
+        |chain, p| chain.drive.steeper.push(Steeper { gain_change: p[0], at_v: p[1] }),
     ),
 ];

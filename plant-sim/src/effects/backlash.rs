@@ -1,7 +1,7 @@
 //! Backlash: lost motion between the structure and what the sensor sees.
 
 use super::{About, Form, Parameter, Scales, spaced};
-use crate::chain::Gap;
+use crate::chain::{Chain, Gap, Sensor};
 
 effect!(Backlash, "backlash", Structure);
 
@@ -30,6 +30,25 @@ fn width(name: &'static str, scales: &Scales<'_>) -> Parameter {
     Parameter::amplitude(name, "m", [0.0, scales.stroke_m / 3.0], scales.stroke_m / 200.0)
 }
 
+/// Widens the play, and says what share of it is new: all where there was none.
+fn widen(sensor: &mut Sensor, play_m: f64) -> f64 {
+    let before_m = sensor.play_m;
+    sensor.play_m += play_m;
+    if before_m > 0.0 { play_m / sensor.play_m } else { 1.0 }
+}
+
+/// A play with drag. One that is there already has its part in how fast the whole creeps, and to where.
+fn add_dragged(chain: &mut Chain, play_m: f64, drag_s: f64, towards: f64) {
+    let sensor = &mut chain.sensor;
+    let new = widen(sensor, play_m);
+    let [before_per_s, new_per_s] = [(1.0 - new) / sensor.drag_s, new / drag_s];
+    if new_per_s > 0.0 {
+        let both_per_s = before_per_s + new_per_s;
+        sensor.drag_to = (before_per_s * sensor.drag_to + new_per_s * towards) / both_per_s;
+        sensor.drag_s = both_per_s.recip();
+    }
+}
+
 const FORMS: &[Form] = &[
     Form::predictable("play", |scales| vec![width("play_m", scales)], |chain, p| chain.sensor.play_m += p[0]),
     Form::predictable(
@@ -39,10 +58,7 @@ const FORMS: &[Form] = &[
             let starts = spaced(3.0 * sample_s, 300.0 * sample_s, 3);
             vec![width("play_m", scales), Parameter::shape("drag_s", "s", [sample_s, 1e4 * sample_s], starts)]
         },
-        |chain, p| {
-            chain.sensor.play_m += p[0];
-            chain.sensor.drag_s = p[1];
-        },
+        |chain, p| add_dragged(chain, p[0], p[1], 0.0),
     ),
     Form::predictable(
         "play-taken-up",
@@ -55,18 +71,14 @@ const FORMS: &[Form] = &[
                 Parameter::place("towards", "", [-1.0, 1.0], vec![-1.0, 1.0]),
             ]
         },
-        |chain, p| {
-            chain.sensor.play_m += p[0];
-            chain.sensor.drag_s = p[1];
-            chain.sensor.drag_to = p[2];
-        },
+        |chain, p| add_dragged(chain, p[0], p[1], p[2]),
     ),
     Form::predictable(
         "several-plays",
         |scales| vec![width("play_m", scales), Parameter::shape("spread", "", [0.05, 1.0], vec![0.6, 0.95])],
         |chain, p| {
-            chain.sensor.play_m += p[0];
-            chain.sensor.play_spread = p[1];
+            let new = widen(&mut chain.sensor, p[0]);
+            chain.sensor.play_spread += new * (p[1] - chain.sensor.play_spread);
         },
     ),
     Form::predictable(
@@ -77,6 +89,6 @@ const FORMS: &[Form] = &[
             let starts = [0.2, 0.4, 0.5, 0.6, 0.8].map(at).to_vec();
             vec![width("gap_m", scales), Parameter::place("at_m", "m", [low_m, high_m], starts)]
         },
-        |chain, p| chain.sensor.gap = Some(Gap { width_m: p[0], at_m: p[1] }),
+        |chain, p| chain.sensor.gaps.push(Gap { width_m: p[0], at_m: p[1] }),
     ),
 ];

@@ -62,6 +62,10 @@ const FORMS: &[Form] = &[
         },
         |chain, p| p.chunks_exact(3).for_each(|p| add_hysteron(chain, p[0], p[1], p[2])),
     ),
-    Form::predictable("plays-of-the-voltage", plays, |chain, p| add_plays(chain, p, 0.0)),
-    Form::predictable("spectrum-of-plays", spectrum::<false>, add_spectrum),
+    Form::predictable("plays-of-the-voltage", plays, |chain, p| {
+        add_plays(chain, p, 0.0);
+    }),
+    Form::predictable("spectrum-of-plays", spectrum::<false>, |chain, p| {
+        add_spectrum(chain, p);
+    }),
 ];

@@ -40,8 +40,12 @@ const FORMS: &[Form] = &[
             vec![rms(scales), Parameter::shape("time_constant_s", "s", bounds, starts)]
         },
         install: |chain, p| {
-            chain.sensor.slow_noise_m = chain.sensor.slow_noise_m.hypot(p[0]);
-            chain.sensor.slow_noise_s = p[1];
+            let sensor = &mut chain.sensor;
+            // The power of both, and at the lowest frequencies the density of both: rms^2 times the time constant.
+            let (before_m2, new_m2) = (sensor.slow_noise_m.powi(2), p[0].powi(2));
+            let share = if before_m2 > 0.0 { new_m2 / (before_m2 + new_m2) } else { 1.0 };
+            sensor.slow_noise_s += share * (p[1] - sensor.slow_noise_s);
+            sensor.slow_noise_m = sensor.slow_noise_m.hypot(p[0]);
         },
     },
 ];

@@ -16,6 +16,24 @@ pub(super) fn add_first(lag: &mut Option<Lag>, time_constant_s: f64) {
     }
 }
 
+/// Appends a first-order lag that grows by `new`. What both lags have in common grows by the mean, as much of each as it is slow.
+pub(super) fn add_grown(lag: &mut Option<Lag>, time_constant_s: f64, growth: &mut f64, new: f64) {
+    let before_s = lag.map_or(0.0, |lag| coefficients(lag)[0]);
+    let share = if before_s > 0.0 { time_constant_s / (before_s + time_constant_s) } else { 1.0 };
+    *growth += share * (new - *growth);
+    add_first(lag, time_constant_s);
+}
+
+/// a1 and a2 of the denominator 1 + a1 s + a2 s^2.
+fn coefficients(lag: Lag) -> [f64; 2] {
+    match lag {
+        Lag::First { time_constant_s } => [time_constant_s, 0.0],
+        Lag::Second { natural_rad_per_s, damping_ratio } => {
+            [2.0 * damping_ratio / natural_rad_per_s, natural_rad_per_s.powi(-2)]
+        }
+    }
+}
+
 /// Appends a second-order lag.
 pub(super) fn add_second(lag: &mut Option<Lag>, hz: f64, damping_ratio: f64) {
     add(lag, Lag::Second { natural_rad_per_s: TAU * hz, damping_ratio });
@@ -24,12 +42,6 @@ pub(super) fn add_second(lag: &mut Option<Lag>, hz: f64, damping_ratio: f64) {
 /// Appends `next`. Two first-order lags in a row are one of second order; with more, the denominator 1 + a1 s + a2 s^2 keeps its first
 /// two coefficients, which is what a log shows of it below its corner.
 fn add(lag: &mut Option<Lag>, next: Lag) {
-    let coefficients = |lag: Lag| match lag {
-        Lag::First { time_constant_s } => [time_constant_s, 0.0],
-        Lag::Second { natural_rad_per_s, damping_ratio } => {
-            [2.0 * damping_ratio / natural_rad_per_s, natural_rad_per_s.powi(-2)]
-        }
-    };
     *lag = Some(match *lag {
         None => next,
         Some(before) => {
@@ -47,7 +59,9 @@ pub(super) fn come_late(chain: &mut Chain, share: f64, time_constant_s: f64) {
             let both = before + share;
             Late { share: both, time_constant_s: (before * other_s + share * time_constant_s).abs() / both.abs() }
         }
-        _ => Late { share, time_constant_s },
+        // Two that cancel leave none.
+        Some(_) => Late { share: 0.0, time_constant_s },
+        None => Late { share, time_constant_s },
     });
 }
 
@@ -76,14 +90,14 @@ pub(super) fn plays(scales: &Scales<'_>) -> Vec<Parameter> {
     vec![Parameter::signed("drive_share", "", 0.5, 0.02), Parameter::shape("reach_v", "V", bounds, starts)]
 }
 
-/// A hysteresis of the voltage with these parameters, by `skew_per_v` more under positive voltages.
-pub(super) fn add_plays(chain: &mut Chain, p: &[f64], skew_per_v: f64) {
+/// A hysteresis of the voltage with these parameters, by `skew_per_v` more under positive voltages; whether the plant takes it.
+pub(super) fn add_plays(chain: &mut Chain, p: &[f64], skew_per_v: f64) -> bool {
     let weight_per_v = p[0] / PLAYS as f64;
     let play = |i: usize| {
         let upright = Play::upright(p[1] * i as f64 / PLAYS as f64, weight_per_v);
         Play { lean_per_v2: skew_per_v * weight_per_v, ..upright }
     };
-    push_plays(chain, (1..=PLAYS).map(play));
+    push_plays(chain, (1..=PLAYS).map(play))
 }
 
 /// Thresholds of a spectrum of plays, in shares of the range: closer where small reversals open them. Two neighbours of the first four bow and lean
@@ -101,8 +115,8 @@ pub(super) fn spectrum<const LEANS: bool>(scales: &Scales<'_>) -> Vec<Parameter>
     std::iter::once(reach).chain(weights).chain(bows).chain(leans).collect()
 }
 
-/// Plays with these parameters.
-pub(super) fn add_spectrum(chain: &mut Chain, p: &[f64]) {
+/// Plays with these parameters; whether the plant takes them.
+pub(super) fn add_spectrum(chain: &mut Chain, p: &[f64]) -> bool {
     let (reach_v, weights, bows, leans) = (p[0], &p[1..7], &p[7..9], &p[9..]);
     let of_pair = |shares: &[f64], i: usize| shares.get(i / 2).copied().unwrap_or(0.0);
     let play = |(i, threshold): (usize, f64)| Play {
@@ -111,11 +125,11 @@ pub(super) fn add_spectrum(chain: &mut Chain, p: &[f64]) {
         lean_per_v2: of_pair(leans, i) / reach_v,
         bow_per_v3: of_pair(bows, i) / (reach_v * reach_v),
     };
-    push_plays(chain, THRESHOLDS.into_iter().enumerate().map(play));
+    push_plays(chain, THRESHOLDS.into_iter().enumerate().map(play))
 }
 
-/// A plant has one hysteresis of the voltage; more of the same kind joins it.
-fn push_plays(chain: &mut Chain, more: impl Iterator<Item = Play>) {
+/// A plant has one hysteresis of the voltage; more of the same kind joins it, and beside another law none can be.
+fn push_plays(chain: &mut Chain, more: impl Iterator<Item = Play>) -> bool {
     let force_n = chain.plant.transduction_c_per_m;
     match &mut chain.parts.transducer {
         Some(DriveHysteresis { law: Law::Plays(Plays { plays, counts: Counts::Lags }), force_n: own_n }) => {
@@ -127,12 +141,13 @@ fn push_plays(chain: &mut Chain, more: impl Iterator<Item = Play>) {
                 bow_per_v3: times * bow_per_v3,
             }));
         }
-        Some(_) => {}
+        Some(_) => return false,
         none => {
             let law = Law::Plays(Plays { plays: more.collect(), counts: Counts::Lags });
             *none = Some(DriveHysteresis { law, force_n });
         }
     }
+    true
 }
 
 /// Bends hysteron `hysteron`, if the plant has it.

@@ -1,7 +1,7 @@
 //! Sensor bandwidth: the reading follows the displacement with a lag.
 
 use super::amplifier_bandwidth::{eager, first, growing, second};
-use super::parts::{add_first, add_second};
+use super::parts::{add_first, add_grown, add_second};
 use super::{About, Form, Parameter, Scales, spaced};
 use crate::chain::{Chain, Relaxation};
 
@@ -32,24 +32,21 @@ const FORMS: &[Form] = &[
         "growing",
         |scales| growing(scales, "growth_per_m", "1/m", scales.stroke_m),
         |chain, p| {
-            add_first(&mut chain.sensor.lag, p[0]);
-            chain.sensor.lag_growth.by_side = p[1];
+            add_grown(&mut chain.sensor.lag, p[0], &mut chain.sensor.lag_growth.by_side, p[1]);
         },
     ),
     Form::predictable(
         "growing-outwards",
         |scales| growing(scales, "growth_per_m", "1/m", scales.stroke_m),
         |chain, p| {
-            add_first(&mut chain.sensor.lag, p[0]);
-            chain.sensor.lag_growth.outwards = p[1];
+            add_grown(&mut chain.sensor.lag, p[0], &mut chain.sensor.lag_growth.outwards, p[1]);
         },
     ),
     Form::predictable(
         "eager",
         |scales| eager(scales, "eagerness_per_m", "1/m", scales.stroke_m),
         |chain, p| {
-            add_first(&mut chain.sensor.lag, p[0]);
-            chain.sensor.lag_growth.eager = p[1];
+            add_grown(&mut chain.sensor.lag, p[0], &mut chain.sensor.lag_growth.eager, p[1]);
         },
     ),
 ];

@@ -79,7 +79,7 @@ const FORMS: &[Form] = &[
                 Parameter::shape("time_constant_s", "s", bounds, starts),
             ]
         },
-        |chain, p| chain.sensor.settling = Some(Settling { share: p[0], time_constant_s: p[1] }),
+        |chain, p| chain.sensor.settlings.push(Settling { share: p[0], time_constant_s: p[1] }),
     ),
     Form::predictable("wander", wandering, |chain, p| chain.sensor.swings.extend(swings(p))),
 ];

@@ -37,7 +37,7 @@ fn parameters(scales: &Scales<'_>, heat: f64) -> Vec<Parameter> {
 }
 
 fn warm(chain: &mut Chain, p: &[f64], heat: Heat) {
-    chain.drive.warming = Some(Warming { coefficient: p[0], time_constant_s: p[1], heat });
+    chain.drive.warmings.push(Warming { coefficient: p[0], time_constant_s: p[1], heat });
 }
 
 const FORMS: &[Form] = &[

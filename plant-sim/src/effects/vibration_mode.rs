@@ -10,7 +10,7 @@ const ABOUT: About = About {
     title: "vibration mode",
     what: "Another part of the structure swings at a frequency of its own.",
     equation: "attached: m (x'' + 2 z w (x' - q') + w^2 (x - q)) = 0 and its reaction on the mass; parallel: y = q + c \
-               w^2 F / (s^2 + 2 z w s + w^2); a rod clamped at the mass: three of these at w, 2 w and 3 w with masses 2 m / (pi k)^2; arm: y = q + (a (w^2 / N - 1) + b w s / N) q with N that denominator. m, \
+               w^2 F / (s^2 + 2 z w s + w^2); a rod or a spring of mass m between mass and frame: three of these, k = 1 to 3, at k w with masses 2 m / (pi k)^2; arm: y = q + (a (w^2 / N - 1) + b w s / N) q with N that denominator. m, \
                x: mass and displacement of the part, q: displacement of the plant, y: of what the sensor sees, w: \
                natural frequency, z: damping ratio, c: static compliance, F: drive force, a: share of the reading on \
                the arm, b: the same of its speed, s: Laplace's variable",
@@ -62,7 +62,7 @@ const FORMS: &[Form] = &[
         },
         attach,
     ),
-    // The first three modes of a rod of its own, clamped at the mass: 2 / (pi k)^2 of the rod's mass go with the k-th.
+    // The first three modes of a rod (or of a spring's surge) whose ends are the mass and the frame: 2 / (pi k)^2 of its mass go with the k-th.
     Form::predictable(
         "surge",
         |scales| {

@@ -30,7 +30,7 @@ use crate::phs::{Hysteron, Phs};
 const MAX_HYSTERONS: usize = 16;
 
 /// One linear region in continuous time, from the drive u in volts to the displacement q in metres:
-/// `x' = a x + b u`, `q = c x`. Any state coordinates will do.
+/// `x' = a x + b u`, `q = c x + d u`. Any state coordinates will do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearRegion {
     /// What a reader calls this region, such as `hysterons 1, 2 active`.
@@ -41,16 +41,23 @@ pub struct LinearRegion {
     pub b: DVector<f64>,
     /// Output row, metres.
     pub c: RowDVector<f64>,
+    /// What of the drive is seen at once, metres per volt.
+    pub d: f64,
 }
 
 /// Linear regions of whatever plant the chain has.
 impl Chain {
     /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; of a law of hysteresis, the plant at its least and its
-    /// largest slope. Other parts of the chain are left out.
+    /// largest slope. Each with all that is linear in the chain beside it: modes, creep, arms, and gain and bandwidth of sensor and amplifier. The
+    /// drive's delay is the loop's ([`crate::experiment::sampled_loop`]), and what is not linear is left out.
     ///
     /// # Errors
     /// See [`MarginError`].
     pub fn linear_regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
+        Ok(self.regions_of_plant()?.into_iter().map(|region| self.around(region)).collect())
+    }
+
+    fn regions_of_plant(&self) -> Result<Vec<LinearRegion>, MarginError> {
         if let Some(space) = &self.parts.linear {
             return Ok(vec![space.region("linear plant")]);
         }
@@ -122,7 +129,7 @@ impl Phs {
         b[1] = alpha / self.mass_kg;
         let mut c = RowDVector::zeros(n_states);
         c[0] = 1.0;
-        Ok(LinearRegion { label: label(&active_idxs), a, b, c })
+        Ok(LinearRegion { label: label(&active_idxs), a, b, c, d: 0.0 })
     }
 
     fn check_coefficients(&self) -> Result<(), MarginError> {

@@ -7,7 +7,9 @@
 //! G0 = int_0^(T-d) e^(A s) ds B,        G1 = e^(A (T-d)) int_0^d e^(A s) ds B,
 //! ```
 //!
-//! and the open loop, broken at the error, is `L(z) = (Kp + Ki T z/(z-1)) z^-m c (z - E)^-1 (G0 + G1/z)`.
+//! and the open loop, broken at the error, is `L(z) = (Kp + Ki T z/(z-1)) z^-m (c (z - E)^-1 (G0 + G1/z) + d/z)`.
+//!
+//! Feedthrough `d` adds `d u[k-m-1]` to what is read: the drive that acts when a sample is taken, before its own.
 //!
 //! The plants here are stiff (1e6 1/s beside 2e2 1/s) and their SI states differ by ten powers of ten. So the state is first
 //! scaled by powers of two until rows and columns balance, which is exact and makes the result independent of the caller's units.
@@ -29,6 +31,7 @@ pub(super) struct SampledLoop {
     fresh: DVector<f64>,
     stale: Option<DVector<f64>>,
     output: RowDVector<f64>,
+    feedthrough: f64,
     whole_delay: usize,
     kp: f64,
     ki_per_sample: f64,
@@ -74,6 +77,7 @@ impl SampledLoop {
             fresh,
             stale,
             output,
+            feedthrough: region.d,
             // The cast saturates; callers that build a matrix of this size limit it first.
             whole_delay: whole_delay as usize,
             kp: law.kp_v_per_m,
@@ -94,7 +98,7 @@ impl SampledLoop {
         let delay = Complex::from_polar(1.0, -(angle * self.whole_delay as f64));
         let law =
             if self.integrates() { z * self.ki_per_sample / z_less_one + self.kp } else { Complex::from(self.kp) };
-        law * delay * self.plant(z_less_one, z.conj())
+        law * delay * (self.plant(z_less_one, z.conj()) + z.conj() * self.feedthrough)
     }
 
     /// `c (z - E)^-1 (G0 + G1/z)`: Gaussian elimination on a Hessenberg matrix, pivoting between neighbours.
@@ -155,7 +159,7 @@ impl SampledLoop {
     pub(super) fn closed_loop_eigenvalues(&self, gain: f64) -> Option<Vec<Complex<f64>>> {
         let n = self.step.nrows();
         let n_integral = usize::from(self.integrates());
-        let n_past = self.whole_delay + usize::from(self.stale.is_some());
+        let n_past = self.whole_delay + usize::from(self.stale.is_some() || self.feedthrough != 0.0);
         let first_past = n + n_integral;
         let size = first_past + n_past;
         let (kp, ki_per_sample) = (gain * self.kp, gain * self.ki_per_sample);
@@ -164,6 +168,11 @@ impl SampledLoop {
         drive.columns_mut(0, n).copy_from(&(&self.output * -(kp + ki_per_sample)));
         if n_integral == 1 {
             drive[n] = 1.0;
+        }
+        // The drive that acts when a sample is taken.
+        let acting = first_past + self.whole_delay;
+        if self.feedthrough != 0.0 {
+            drive[acting] -= (kp + ki_per_sample) * self.feedthrough;
         }
         let drive_before = |samples: usize| {
             if samples == 0 {
@@ -182,6 +191,9 @@ impl SampledLoop {
         if n_integral == 1 {
             matrix.view_mut((n, 0), (1, n)).copy_from(&(&self.output * -ki_per_sample));
             matrix[(n, n)] = 1.0;
+            if self.feedthrough != 0.0 {
+                matrix[(n, acting)] -= ki_per_sample * self.feedthrough;
+            }
         }
         for past in 0..n_past {
             matrix.row_mut(first_past + past).copy_from(&drive_before(past));
@@ -213,7 +225,8 @@ fn hold(a: &DMatrix<f64>, b: &DVector<f64>, t: f64) -> Option<(DMatrix<f64>, DVe
 }
 
 /// Eigenvalues by the real Schur form. The plain double-shift iteration can stand still on matrices with a rotational symmetry (a pure
-/// delay is one), so a few shifts of the whole spectrum are tried; the trace tells whether the answer is right.
+/// delay is one), so a few shifts of the whole spectrum are tried, each on the transpose as well, which deflates from the other end; the trace tells whether the
+/// answer is right.
 fn eigenvalues(mut matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     if matrix.iter().any(|x| !x.is_finite()) {
         return None;
@@ -221,9 +234,10 @@ fn eigenvalues(mut matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     balance(&mut matrix);
     let n = matrix.nrows();
     let norm = one_norm(&matrix).max(f64::MIN_POSITIVE);
-    for relative_shift in [0.0, 0.31, -0.77, 1.3] {
+    let transposed = matrix.transpose();
+    for (relative_shift, turned) in [0.0, 0.31, -0.77, 1.3].into_iter().flat_map(|s| [(s, &matrix), (s, &transposed)]) {
         let shift = relative_shift * norm;
-        let shifted = &matrix + DMatrix::from_diagonal_element(n, n, shift);
+        let shifted = turned + DMatrix::from_diagonal_element(n, n, shift);
         let Some(schur) = Schur::try_new(shifted, f64::EPSILON, 60 * n + 60) else {
             continue;
         };

@@ -14,7 +14,7 @@
 
 use super::check_sigma;
 use crate::chain::Chain;
-use crate::effects::{self, Effect, Form, Parameter, sane};
+use crate::effects::{self, Effect, Form, Kind, Parameter, Role, sane};
 use crate::param::Param;
 use crate::phs::Phs;
 use serde::{Deserialize, Serialize};
@@ -50,10 +50,28 @@ impl EffectSection {
     /// Puts the effect into a chain, if the registry knows it.
     pub fn install(&self, chain: &mut Chain) {
         if let Some((_, form)) = self.entry() {
-            let value = |p: &Parameter| self.parameters.get(p.name).map_or(0.0, |param| param.value);
-            let values: Vec<f64> = (form.parameters)(&sane::EXAMPLE).iter().map(value).collect();
+            let values: Vec<f64> = (form.parameters)(&sane::EXAMPLE).iter().map(|p| self.value(p)).collect();
             (form.install)(chain, &values);
         }
+    }
+
+    fn value(&self, parameter: &Parameter) -> f64 {
+        self.parameters.get(parameter.name).map_or(0.0, |param| param.value)
+    }
+
+    /// The same; what is wrong if the plant has nothing for it to act on: a hysteron to bend, a hysteresis to join.
+    pub(super) fn install_where_it_acts(&self, key: &str, chain: &mut Chain) -> Result<(), String> {
+        let before = chain.clone();
+        self.install(chain);
+        let Some((_, form)) = self.entry().filter(|(_, form)| form.kind == Kind::Predictable) else { return Ok(()) };
+        let is_some = |p: &Parameter| matches!(p.role, Role::Amplitude(_)) && self.value(p) != 0.0;
+        if *chain == before && (form.parameters)(&sane::EXAMPLE).iter().any(is_some) {
+            return Err(format!(
+                "{key}: {} in its form {:?} finds nothing to act on in this plant: remove it or choose another form",
+                self.id, self.form
+            ));
+        }
+        Ok(())
     }
 
     /// What is wrong with it on this plant, if anything: where, what, what to do.

@@ -151,7 +151,7 @@ impl Structure {
         }
         let is_sharp = meta.hold == Hold::Zoh
             && !drive.has_memory()
-            && drive.warming.is_none()
+            && drive.warmings.is_empty()
             && drive.swings.is_empty()
             && parts.transducer.is_none();
         let alpha = plant.transduction_c_per_m;

@@ -76,7 +76,7 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    fn refused(why: &str) -> Self {
+    pub(crate) fn refused(why: &str) -> Self {
         Self {
             is_certified: false,
             used: f64::INFINITY,

@@ -4,6 +4,7 @@
 use super::rival::{
     SAMPLE_S, bender, chain, distance, held, lively, log, ours, rival, slow_sine, with_drive, with_force,
 };
+use plant_sim::bouc_wen::BoucWen;
 use plant_sim::chain::{
     Bend, BendLaw, Chain, Drift, Drive, Force, Heat, Joint, Lag, Line, Mode, Parts, Sensor, Shake, Warming,
 };
@@ -158,12 +159,62 @@ fn bends() {
     check(table, &lively());
 }
 
+/// Rows of a tenth of a second have room for ninety periods of the plant. What laws do meanwhile is as on rows close together, where
+/// Runge-Kutta has been.
+#[test]
+fn rows_far_apart_are_followed_all_the_way() {
+    const ROWS_WITHIN: usize = 2000;
+    let hardening = Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: 0.02 * 24579.0 / 1e-8 };
+    let table = [
+        ("hardening spring", with_force(hardening), [0.13, 0.13]),
+        ("capacitance skew of the first", with_bend(0, BendLaw::CapacitanceSkew(0.05)), [2.0, 20.0]),
+        ("stop, k", with_force(Force::Stop { at_m: 70e-6, stiffness_n_per_m: 25e3, damping_s_per_m: 0.0 }), [2.0, 2.0]),
+        ("widening 0.5", with_bend(0, BendLaw::Widening { share: 0.5, reference_v_per_s: 1e4 }), [10.0, 10.0]),
+    ];
+    let command_v = [0.0, 60.0, 60.0, -30.0, -60.0, 45.0, 0.0];
+    let close_v: Vec<f64> = command_v.iter().flat_map(|v| [*v; ROWS_WITHIN]).collect();
+    let mut failed = Vec::new();
+    for (name, fine, bounds_nm) in table {
+        let close_m: Vec<f64> = ours(&fine, &close_v).into_iter().step_by(ROWS_WITHIN).collect();
+        let coarse = Chain { parts: Parts { is_coarse: true, ..fine.parts.clone() }, ..fine.clone() };
+        for (chain, bound_nm) in [&fine, &coarse].into_iter().zip(bounds_nm) {
+            let mut slow = log(command_v.to_vec(), 0.0);
+            slow.dt_s = ROWS_WITHIN as f64 * SAMPLE_S;
+            let slow_m = predict(chain, &slow, &Start::relaxed(chain), slow.command_v.len());
+            let error_nm = 1e9 * distance(&slow_m, &close_m);
+            println!("{name}: {error_nm:.4} nm");
+            if !(1e-2 * bound_nm..=bound_nm).contains(&error_nm) {
+                failed.push(format!("{name}: {error_nm:.4} nm against {bound_nm} nm"));
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// A search may lead a plant to where it is no number any more; that costs the run and not the program.
+#[test]
+fn what_runs_away_ends_in_no_number() {
+    let softening = Force::Spring { quadratic_n_per_m2: 0.0, cubic_n_per_m3: -0.5 * 24579.0 / 1e-8 };
+    let oscillator = Force::BoucWen(BoucWen { amplitude: 5e3, beta: 20.0, gamma: 10.0, exponent: 1.0 });
+    for laws in [vec![softening], vec![softening, oscillator]] {
+        let bends = vec![Bend { hysteron: None, law: BendLaw::CapacitanceSkew(0.05) }];
+        for is_coarse in [false, true] {
+            let parts = Parts { forces: laws.clone(), bends: bends.clone(), is_coarse, ..Parts::default() };
+            let chain = Chain { parts, ..chain() };
+            let log = log([0.0; 10].into_iter().chain([60.0; 300]).collect(), 0.0);
+            let away_m = predict(&chain, &log, &Start::relaxed(&chain), log.command_v.len());
+            let last_m = away_m[away_m.len() - 1];
+            assert!(last_m.is_nan() || last_m.abs() > 1.0, "{laws:?}: {last_m:e}");
+        }
+    }
+}
+
 #[test]
 fn drives() {
     let ideal = Drive::IDEAL;
     let first = |time_constant_s| Some(Lag::First { time_constant_s });
     let second = |natural_rad_per_s, damping_ratio| Some(Lag::Second { natural_rad_per_s, damping_ratio });
-    let warm = |heat| Some(Warming { coefficient: 0.05, time_constant_s: 0.02, heat });
+    let warm = |heat| vec![Warming { coefficient: 0.05, time_constant_s: 0.02, heat }];
     let table = vec![
         ("lag 20 us", with_drive(Drive { lag: first(20e-6), ..ideal.clone() }), 0.06),
         ("lag 100 us", with_drive(Drive { lag: first(100e-6), ..ideal.clone() }), 0.003),
@@ -196,8 +247,8 @@ fn drives() {
         ),
         ("knee", with_drive(Drive { range_v: [-50.0, 45.0], knee_v: 3.0, ..ideal.clone() }), EXACT_NM),
         ("gain, curvature", with_drive(Drive { gain: 1.1, curvature_per_v: 1e-3, ..ideal.clone() }), EXACT_NM),
-        ("warms by itself", with_drive(Drive { warming: warm(Heat::Time), ..ideal.clone() }), 0.4),
-        ("warms by drive", with_drive(Drive { warming: warm(Heat::Drive { volts: 60.0 }), ..ideal }), 1.7),
+        ("warms by itself", with_drive(Drive { warmings: warm(Heat::Time), ..ideal.clone() }), 0.4),
+        ("warms by drive", with_drive(Drive { warmings: warm(Heat::Drive { volts: 60.0 }), ..ideal }), 1.7),
     ];
     check(table, &lively());
 }

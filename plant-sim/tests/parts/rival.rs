@@ -187,7 +187,7 @@ fn slope(chain: &Chain, x: &Vector, slewed_v: f64, t: f64) -> Vector {
     let (q, w) = (x[Q], x[W]);
     lag_slope(chain.drive.lag, x, LAG, slewed_v, &mut dx);
     let mut drive_v = if chain.drive.lag.is_some() { x[LAG] } else { slewed_v };
-    if let Some(warming) = chain.drive.warming {
+    if let Some(warming) = chain.drive.warmings.first() {
         let heating = match warming.heat {
             Heat::Time => 1.0,
             Heat::Drive { volts } => (drive_v / volts).powi(2),
@@ -301,7 +301,7 @@ fn hysteron_slope(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) 
         match bend.law {
             BendLaw::CapacitanceSkew(skew) => softer += skew * (v / half).clamp(-1.0, 1.0),
             BendLaw::SlopeSkew(skew) => leakier += skew * v.signum(),
-            BendLaw::Exponent(p) => exponent = p,
+            BendLaw::Exponent(p) => exponent += p - 1.0,
             BendLaw::Easing { share, reference_m_per_s } => leakier += share * w.abs() / reference_m_per_s,
             BendLaw::Widening { share, reference_v_per_s } => {
                 let rate = w.abs() * plant.stiffness_n_per_m / plant.transduction_c_per_m;

@@ -5,7 +5,7 @@ use super::{Hosted, Play, Worker, connect};
 use crate::engine::model::{judge, within_rig};
 use crate::parameters;
 use crate::recorder::{Recorder, Subject, file_name, free_name};
-use control_core::{FaultCode, GeneratorState, ModeName};
+use control_core::{FaultCode, GeneratorState, ModeName, Settings};
 use hil_bridge::lockstep::LockstepError;
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::SessionError;
@@ -13,6 +13,7 @@ use plant_sim::controller::Controller;
 use plant_sim::spec::{Shape, Spec, Unit};
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::mpsc;
 use virtual_board::waveform::Waveform;
 use wire::{Parameters, ToBoard};
 
@@ -26,8 +27,14 @@ pub const SETS: &str = "sets";
 impl Worker<'_> {
     pub(super) fn obey(&mut self, order: Order) {
         let Order { wish, answer } = order;
-        if self.is_set_running && !matches!(wish, Wish::Stop(_) | Wish::Leave) {
-            let _ = answer.send(Err("the experiment set runs: stop it first".to_owned()));
+        let busy = match wish {
+            Wish::Stop(_) | Wish::Leave => None,
+            _ if self.is_set_running => Some("the experiment set runs: stop it first"),
+            _ if self.is_judging => Some("the margins of a new set are being computed: ask again in a moment"),
+            _ => None,
+        };
+        if let Some(busy) = busy {
+            let _ = answer.send(Err(busy.to_owned()));
             return;
         }
         if let Wish::Experiments = wish {
@@ -70,7 +77,7 @@ impl Worker<'_> {
             }
             Wish::Record(name) => self.record(&name),
             Wish::EndRecord => match self.end_recording(None) {
-                Some(line) => Ok(line),
+                Some(ended) => ended,
                 None => Err("nothing is being recorded".to_owned()),
             },
             Wish::Diagnose => self.diagnose(),
@@ -223,11 +230,7 @@ impl Worker<'_> {
             return Ok("nothing changed".to_owned());
         }
         within_rig(&self.setting.plant, &after.settings())?;
-        // Not every diagnosed plant has regions that are linear: then the guards of the board are what there is.
-        let warning = match judge(&self.twin.chain, &after.settings(), latency_s) {
-            Ok(judged) => judged?,
-            Err(error) => Some(format!("margins not computed: {error}")),
-        };
+        let warning = self.judge_beside(after.settings(), latency_s)?;
         self.order(&ToBoard::SetParameters(after))?;
         let line = self.line()?;
         line.ready.parameters = after;
@@ -238,10 +241,44 @@ impl Worker<'_> {
                 self.undo.remove(0);
             }
         }
-        if let Some(warning) = warning {
-            self.event(true, warning);
+        let said = self.say(what);
+        let Some(warning) = warning else { return Ok(said) };
+        let both = format!("{said}; {warning}");
+        // The newest line is the one that is looked at.
+        self.event(true, warning);
+        Ok(both)
+    }
+
+    /// What is to be said of the loop that `settings` close, while the one that there is goes on: with many hysterons that takes seconds, and a
+    /// stop waits for none of them.
+    fn judge_beside(&mut self, settings: Settings, latency_s: f64) -> Result<Option<String>, String> {
+        let chain = self.twin.chain.clone();
+        let (sender, outcome) = mpsc::channel();
+        let work = move || sender.send(judge(&chain, &settings, latency_s));
+        std::thread::Builder::new()
+            .name("margins".into())
+            .spawn(work)
+            .map_err(|error| format!("the margins' thread can't be started: {error}"))?;
+        self.is_judging = true;
+        let judged = loop {
+            match outcome.recv_timeout(self.wait()) {
+                Ok(judged) => break Some(judged),
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(mpsc::RecvTimeoutError::Disconnected) => break None,
+            }
+            self.go_on();
+            if self.has_left {
+                break None;
+            }
+        };
+        self.is_judging = false;
+        match judged {
+            None if self.has_left => Err("hysteron serve has ended".to_owned()),
+            None => Err("the margins can't be computed: the set in force stays".to_owned()),
+            Some(Ok(judged)) => judged,
+            // Not every diagnosed plant has regions that are linear: then the guards of the board are what there is.
+            Some(Err(error)) => Ok(Some(format!("margins not computed: {error}"))),
         }
-        Ok(self.say(what))
     }
 
     /// Where a set of this name is: a controller file, so that every command takes it.
@@ -262,6 +299,7 @@ impl Worker<'_> {
     }
 
     fn record(&mut self, name: &str) -> Result<String, String> {
+        self.line()?;
         if self.recorder.is_some() {
             return Err("a recording is being made: end it first".to_owned());
         }
@@ -281,14 +319,15 @@ impl Worker<'_> {
             plant: (&plant.name, &plant.bytes),
             spec: &self.play.text,
             samples,
-            seed: self.setting.seed,
+            seed: line.seed,
+            image: self.setting.image.as_ref().map(|(name, bytes)| (name.as_str(), bytes.as_slice())),
         };
         self.recorder = Some(Recorder::begin(&path, &subject)?);
         Ok(())
     }
 
     /// Ends a recording, by hand or because it can't go on; then the loop is stopped, as `hysteron hil` does.
-    pub(super) fn end_recording(&mut self, error: Option<&str>) -> Option<String> {
+    pub(super) fn end_recording(&mut self, error: Option<&str>) -> Option<Result<String, String>> {
         let mut recorder = self.recorder.take()?;
         let (path, rows) = (recorder.path.display().to_string(), recorder.rows);
         let statistics = self.line.as_ref().map(|line| line.session.statistics());
@@ -302,12 +341,12 @@ impl Worker<'_> {
             (error, None) => Err(error.unwrap_or("there is no board").to_owned()),
         };
         Some(match ended {
-            Ok(()) => self.say(format!("recorded {rows} rows in {path}")),
+            Ok(()) => Ok(self.say(format!("recorded {rows} rows in {path}"))),
             Err(error) => {
+                let _ = self.stop("the recording can't go on");
                 let line = format!("the recording ended after {rows} rows, which are there: {error}");
                 self.event(true, line.clone());
-                let _ = self.stop("the recording can't go on");
-                line
+                Err(line)
             }
         })
     }
@@ -324,10 +363,19 @@ impl Worker<'_> {
             connected => connected,
         };
         let line = line.map_err(|error| error.to_string())?;
+        let now = line.ready.parameters;
         self.line = Some(line);
         self.lost = None;
         self.fault = None;
         self.restart();
-        Ok(self.say("the board is back".to_owned()))
+        let said = self.say("the board is back".to_owned());
+        let Some([_, last]) = self.left.filter(|[_, last]| *last != now) else { return Ok(said) };
+        // Earlier sets are the earlier board's, with its calibration.
+        self.undo.clear();
+        let what = Some(parameters::difference(&last, &now)).filter(|what| !what.is_empty());
+        let what = what.unwrap_or_else(|| "its calibration is another".to_owned());
+        let warning = format!("the board came back with other parameters: {what}; nothing to undo");
+        self.event(true, warning.clone());
+        Ok(format!("{said}; {warning}"))
     }
 }

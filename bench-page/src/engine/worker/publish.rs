@@ -1,7 +1,7 @@
 //! What the engine says of itself: events, the state of the moment, and what changes seldom.
 
 use super::orders::SETS;
-use super::{Worker, rms_um};
+use super::{Worker, is_closed_loop, rms_um};
 use crate::engine::{Event, lock};
 use crate::{diagnosis, parameters, runs};
 use control_core::{Limits, ModeName};
@@ -36,7 +36,7 @@ impl Worker<'_> {
         if let Some(recorder) = &mut self.recorder
             && let Err(error) = recorder.event(&text)
         {
-            self.end_recording(Some(&error.to_string()));
+            let _ = self.end_recording(Some(&error.to_string()));
         }
         self.events += 1;
         let event = Event { number: self.events, time_s: self.samples as f64 / self.setting.rate_hz, is_warning, text };
@@ -59,6 +59,7 @@ impl Worker<'_> {
         if self.recent_gap.len() > RECENT {
             self.recent_gap.pop_front();
         }
+        let follows = self.mode() == Some(ModeName::Running) && is_closed_loop(self.hosted.as_ref(), &self.play);
         let link = self.line.as_ref().map(|line| line.session.statistics());
         let status = json!({
             "kind": "status",
@@ -70,6 +71,11 @@ impl Worker<'_> {
             "time_s": self.samples as f64 / self.setting.rate_hz,
             "samples": self.samples,
             "speed": self.speed(),
+            "now": self.line.as_ref().map(|line| json!({
+                "reference_um": follows.then_some(line.last.reference_m * 1e6),
+                "displacement_um": line.last.displacement_m * 1e6,
+                "drive_v": line.last.command_v,
+            })),
             "gap_rms_um": (recent.1 > 0).then(|| rms_um(recent)),
             "resting": self.is_resting(),
             "is_set_running": self.is_set_running,
@@ -78,7 +84,7 @@ impl Worker<'_> {
                 "rows": r.rows,
                 "seconds": r.rows as f64 / self.setting.rate_hz,
             })),
-            "task": *lock(&self.shared.task),
+            "task": self.shared.task(),
             "link": link.map(|link| link.json()),
             "round_trips": link.map(|link| bins(&link.round_trip)),
             "turns": bins(&self.turn),

@@ -22,12 +22,16 @@ impl Worker<'_> {
             let _ = answer.send(Err("arm first: the set moves the bench".to_owned()));
             return;
         }
-        if lock(&self.shared.task).is_some() {
+        if self.shared.task().is_some() {
             let _ = answer.send(Err("a diagnosis is being made: wait for its end".to_owned()));
             return;
         }
         if self.recorder.is_some() {
             let _ = answer.send(Err("end the recording first: the set makes its own".to_owned()));
+            return;
+        }
+        if let Err(error) = experiments::check(&self.setting.plant) {
+            let _ = answer.send(Err(error));
             return;
         }
         let _ = answer.send(Ok("the experiment set runs".to_owned()));
@@ -171,6 +175,7 @@ impl Worker<'_> {
     pub(super) fn restart(&mut self) {
         let seed = self.setting.seed.wrapping_add(self.passes.len() as u64);
         if let Some(line) = &mut self.line {
+            line.seed = seed;
             line.bench = bench(&self.setting, line.ready.latency_s, seed);
             self.twin = Twin::new(&self.setting.plant.model, self.setting.rate_hz, line.ready.latency_s);
         }
@@ -178,7 +183,7 @@ impl Worker<'_> {
 
     pub(super) fn diagnose(&mut self) -> Result<String, String> {
         let Some(pass) = self.passes.last() else { return Err("run the experiment set first".to_owned()) };
-        if lock(&self.shared.task).is_some() {
+        if self.shared.task().is_some() {
             return Err("a diagnosis is being made".to_owned());
         }
         let set = experiments::set(&self.setting.plant.model);
@@ -191,6 +196,7 @@ impl Worker<'_> {
                 plant: self.setting.plant.clone(),
                 logs: fitted.into_iter().map(path).collect(),
                 held_out: held_out.into_iter().map(path).collect(),
+                pass: PathBuf::from(&pass.folder),
                 folder,
                 seed: self.setting.seed,
             },
@@ -200,8 +206,7 @@ impl Worker<'_> {
 
     /// Says how a diagnosis ended.
     pub(super) fn look_at_diagnosis(&mut self) {
-        let ended = lock(&self.shared.diagnosing).take();
-        match ended {
+        match self.shared.take_ended() {
             None => {}
             Some(Err(error)) => self.event(true, format!("no diagnosis: {error}")),
             Some(Ok(())) => {
