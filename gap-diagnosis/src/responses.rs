@@ -161,7 +161,7 @@ fn by_welch(log: &Played<'_>, reference_m: Option<&[f64]>) -> Option<ResponseVie
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spectra::tests::{lag, lag_response, white};
+    use crate::spectra::tests::{lag, lag_response, loop_around_lag, white};
 
     const DT_S: f64 = 1e-4;
 
@@ -178,15 +178,8 @@ mod tests {
 
     #[test]
     fn a_loops_response_is_that_of_the_plant() {
-        // u = 3 (r - y - e) around a lag: the noise e of the sensor reaches the command.
         let (a, n) = (0.8, 100_000);
-        let (reference, noise) = (white(n, 3), white(n, 4));
-        let (mut state, mut command, mut measured) = (0.0, Vec::new(), Vec::new());
-        for k in 0..n {
-            measured.push(state + 0.5 * noise[k]);
-            command.push(3.0 * (reference[k] - measured[k]));
-            state = a * state + (1.0 - a) * command[k];
-        }
+        let [reference, command, measured] = loop_around_lag(a, n, 0.5);
         let model = lag(&command, a);
         let log = [played(&command, &measured, &model)];
         let (plain, looped) = (responses(&log), responses_in_loops(&log, &[Some(&reference)]));

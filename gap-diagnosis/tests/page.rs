@@ -159,9 +159,6 @@ fn lags_are_the_logs_samples_where_the_page_has_a_part_of_its_rows() {
     let time_s: Vec<f64> = (0..10_000).map(|k| f64::from(k) * 4e-4).collect();
     let values = vec![1.0; time_s.len()];
     let html = replay_page(&ReplayView {
-        title: "replay",
-        subtitle: "",
-        headline: "",
         time_s: &time_s,
         kept: Kept { rows: 40_000, stride: 4 },
         command_v: &values,
@@ -169,10 +166,7 @@ fn lags_are_the_logs_samples_where_the_page_has_a_part_of_its_rows() {
         predicted_um: &values,
         autocorrelation: &[1.0, 0.5, 0.01],
         n_residuals: 10_000,
-        spectrum: None,
-        metrics: &[],
-        warnings: &[],
-        provenance: &[],
+        ..ReplayView::default()
     })
     .to_html();
     let lags = drawings(&html)[3]["data"][0].clone();

@@ -1,31 +1,21 @@
 //! Linear regions of whole chains: what stands beside the plant moves as the simulator says it does, and counts in the margins.
 
+use crate::margins::thesis_plant;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::{Arm, Chain, Drive, Joint, Lag, Late, Mode, Parts, Relaxation, Sensor};
 use plant_sim::linear::TransferFunction;
 use plant_sim::log::{Hold, Log};
 use plant_sim::margins::{LinearRegion, Loop, assess, margins};
 use plant_sim::model::Model;
-use plant_sim::phs::{Hysteron, Phs};
 use plant_sim::replay::{Start, predict};
 use std::f64::consts::TAU;
 
 const RATE_HZ: f64 = 20e3;
 const PI_1: Loop = Loop { kp_v_per_m: 8.5811e5, ki_v_per_m_s: 9.6755e8, rate_hz: RATE_HZ, delay_s: 10e-6 };
 
-/// Table 2.1 of the thesis, all of it.
+/// The thesis' plant and nothing beside it.
 fn thesis() -> Chain {
-    let plant = Phs {
-        mass_kg: 1.0148e-3,
-        stiffness_n_per_m: 24579.0,
-        damping_n_s_per_m: 3.7356,
-        transduction_c_per_m: 0.046311,
-        hysterons: vec![
-            Hysteron { capacitance_f: 5.6425e-7, slope_s: 0.6002, dead_zone_v: 14.5126 },
-            Hysteron { capacitance_f: 5.2125e-7, slope_s: 1.1528e-4, dead_zone_v: 9.1414 },
-        ],
-    };
-    Chain { drive: Drive::IDEAL, plant, parts: Parts::default(), sensor: Sensor::IDEAL }
+    Chain { drive: Drive::IDEAL, plant: thesis_plant(), parts: Parts::default(), sensor: Sensor::IDEAL }
 }
 
 fn mode(hz: f64, damping_ratio: f64, joint: Joint) -> Parts {
@@ -107,7 +97,7 @@ fn apart(of: &[Vec<f64>; 2]) -> f64 {
 
 #[test]
 fn regions_move_as_the_simulator_does() {
-    // 1 V opens no dead zone of 7 and 4.5 V: the region with none active.
+    // 1 V opens no dead zone of 5 V either way: the region with none active.
     let volts: Vec<f64> = (0..2000).map(|k| if k < 300 { 1.0 } else { (0.03 * f64::from(k)).sin() }).collect();
     for (name, chain) in chains() {
         let region = chain.linear_regions().expect("regions").pop().expect("the last");

@@ -196,9 +196,9 @@ fn suffix(unit: &str) -> Option<&'static str> {
 }
 
 /// Readings of a run that moves every hysteron, after the predictable part of the sensor.
-fn readings_m(chain: &Chain) -> Vec<f64> {
+pub fn readings_m(chain: &Chain, latency_s: f64) -> Vec<f64> {
     let sample_s = 1e-4;
-    let mut simulator = Simulator::new(chain, sample_s, 1e-5);
+    let mut simulator = Simulator::new(chain, sample_s, latency_s);
     let command_v = |k: usize| 50.0 * (0.05 * k as f64).sin() + if k > 200 { 10.0 } else { 0.0 };
     (0..400)
         .map(|k| {
@@ -213,7 +213,7 @@ fn readings_m(chain: &Chain) -> Vec<f64> {
 fn at_zero_amplitude_the_chain_behaves_as_before() {
     let plant = thesis().chain().plant;
     let nominal = thesis().chain();
-    let before = readings_m(&nominal);
+    let before = readings_m(&nominal, 1e-5);
     for (effect, form) in forms() {
         let scales = Scales { plant: &plant, ..sane::EXAMPLE };
         let parameters = (form.parameters)(&scales);
@@ -233,7 +233,7 @@ fn at_zero_amplitude_the_chain_behaves_as_before() {
             assert_eq!(reading_m(&chain), reading_m(&nominal), "{at}");
         }
         // A nanometre: what the simulator promises where it must take sub-steps. Parts that are divided by are 1e-12 of the plant.
-        for (k, (a, b)) in before.iter().zip(readings_m(&chain)).enumerate() {
+        for (k, (a, b)) in before.iter().zip(readings_m(&chain, 1e-5)).enumerate() {
             assert!((a - b).abs() < 1e-9, "{at}, row {k}: {a} became {b}");
         }
     }

@@ -1,6 +1,7 @@
 //! What effects make of a chain that has the same part already: each on top of what is there, and nothing of it where it is zero.
 
-use plant_sim::chain::{Chain, Drive, Growth, Held, Lag, Parts, Sensor, SensorState, Simulator};
+use crate::effects::readings_m;
+use plant_sim::chain::{Chain, Drive, Growth, Lag, Parts, Sensor, SensorState};
 use plant_sim::effects::{self, Form, Kind, Parameter, REGISTRY, Role, Scales, sane};
 use plant_sim::log::{Hold, Log};
 use plant_sim::model::Model;
@@ -24,19 +25,6 @@ fn with(chain: &Chain, form: &Form, values: &[f64]) -> Chain {
     let mut chain = chain.clone();
     (form.install)(&mut chain, values);
     chain
-}
-
-/// Readings of a run that moves every hysteron.
-fn readings_m(chain: &Chain) -> Vec<f64> {
-    let mut simulator = Simulator::new(chain, SAMPLE_S, 0.0);
-    let command_v = |k: usize| 50.0 * (0.05 * k as f64).sin() + if k > 150 { 10.0 } else { 0.0 };
-    (0..250)
-        .map(|k| {
-            let reading_m = simulator.reading_m();
-            simulator.advance(Held::zero_order(command_v(k)), 0.0);
-            reading_m
-        })
-        .collect()
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -76,7 +64,7 @@ fn at_zero_a_form_leaves_what_is_stated_of_its_own_effect() {
                 failed.push(at.clone());
             }
             // A nanometre: what the simulator promises where it must take sub-steps.
-            let apart_m = distance(&readings_m(&both), &readings_m(&stated));
+            let apart_m = distance(&readings_m(&both, 0.0), &readings_m(&stated, 0.0));
             if apart_m.is_nan() || apart_m > 1e-9 {
                 failed.push(format!("{at}: {apart_m:e}"));
             }

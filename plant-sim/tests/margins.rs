@@ -11,7 +11,7 @@ use proptest::prelude::*;
 const TIMER_CLOCK_HZ: u32 = 170_000_000;
 
 /// Table 2.1 of the thesis.
-fn thesis_plant() -> Phs {
+pub fn thesis_plant() -> Phs {
     Phs {
         mass_kg: 1.0148e-3,
         stiffness_n_per_m: 24579.0,

@@ -143,14 +143,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let ended = run(&mut session);
     // Whatever came of it. A bad line made on purpose is none of the next call's either.
     session.link().switch(false);
-    let left = put_back(&mut session, own, &[own.with_settings(&settings)]);
-    let (outcome, told) = match ended {
-        Ok(ended) => ended,
-        Err(failure) => {
-            output::warn(left.as_slice());
-            return Err(failure);
-        }
-    };
+    let ((outcome, told), stays) = put_back(&mut session, own, &[own.with_settings(&settings)], ended)?;
     if !outcome.lost.is_empty() {
         warnings.push(format!(
             "{} of {samples} samples were lost on the link, where the drive was held: another run gives other bits",
@@ -160,7 +153,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     if outcome.overruns > 0 {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
     }
-    warnings.extend(left);
+    warnings.extend(stays);
     output::warn(&warnings);
     if !call.json {
         told.iter().for_each(|line| output::line(line));

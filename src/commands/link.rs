@@ -3,6 +3,7 @@
 use crate::arguments::BoardArguments;
 use crate::commands::board_serve;
 use crate::failure::Failure;
+use crate::output;
 use bench_page::engine::Open;
 use control_core::FaultCode;
 use hil_bridge::faulty::Faults;
@@ -91,13 +92,28 @@ fn serial(_: PathBuf, _: u32) -> Result<Open, Failure> {
     Err(Failure::call("--board serial: not on this system; use tcp"))
 }
 
-/// Gives a board back the set that it had before `others` were put over it, whatever ended the call. What there is to warn of.
-pub fn put_back<L: Link>(session: &mut Session<L>, own: Parameters, others: &[Parameters]) -> Option<String> {
-    let other = others.iter().find(|other| **other != own)?;
-    let error = lockstep::put_back(session, own, other.rate_hz).err()?;
-    Some(format!(
-        "the board keeps the limits of this call until it is reset or set anew (`hysteron board parameters`): {error}"
-    ))
+/// Gives a board back the set that it had before `others` were put over it, however the call has `ended`. With what came of that what there is to warn
+/// of; where nothing came of it that is said here.
+pub fn put_back<L: Link, T>(
+    session: &mut Session<L>,
+    own: Parameters,
+    others: &[Parameters],
+    ended: Result<T, Failure>,
+) -> Result<(T, Option<String>), Failure> {
+    let other = others.iter().find(|other| **other != own);
+    let error = other.and_then(|other| lockstep::put_back(session, own, other.rate_hz).err());
+    let stays = error.map(|error| {
+        format!(
+            "the board keeps the limits of this call until it is reset or set anew (`hysteron board parameters`): {error}"
+        )
+    });
+    match ended {
+        Ok(found) => Ok((found, stays)),
+        Err(failure) => {
+            output::warn(stays.as_slice());
+            Err(failure)
+        }
+    }
 }
 
 /// A run that ended in a fault of the board, of which `log` keeps the last rows.

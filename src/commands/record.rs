@@ -136,15 +136,8 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     // Whatever came of it.
     let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
-    let left = put_back(&mut session, own, &others);
-    let (ending, names) = match ended {
-        Ok(ended) => ended,
-        Err(failure) => {
-            output::warn(left.as_slice());
-            return Err(failure);
-        }
-    };
-    warnings.extend(left);
+    let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
+    warnings.extend(stays);
     output::warn(&warnings);
     say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
     verdict(call, &names, &ending)

@@ -13,8 +13,6 @@ use plant_sim::replay::Reader;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Share of a held-out log that its start is fitted to.
-pub(super) const START_SHARE: f64 = 0.3;
 /// A start has settled below this many times the noise, and else is sought from here as well: a hysteron near its edge, as atanh.
 const SETTLED: f64 = 1.3;
 const NEAR_EDGE: f64 = 1.0;
@@ -32,7 +30,7 @@ const PINNED: f64 = 1e-6;
 
 /// First row of a log of which only the start was fitted that counts.
 pub(super) fn scored_from(record: &Record<'_>) -> usize {
-    record.run_in + ((record.log.len() - record.run_in) as f64 * START_SHARE) as usize
+    crate::identify::scored_from(record.log.len(), record.run_in)
 }
 
 /// What the plant at `z` predicts for log `index`.

@@ -15,8 +15,6 @@ use plant_sim::replay::{Initial, Start, predict};
 
 /// Share of each log that is held out where no whole logs are.
 const HELD_OUT: f64 = 0.3;
-/// Share of a held-out log that its start and its zero are fitted to, as in a diagnosis.
-const START_SHARE: f64 = 0.3;
 
 /// Actuators with other operators than Bouc-Wen's.
 const OPERATORS: [(Kind, &str); 6] = [
@@ -173,9 +171,9 @@ fn rows_fitted(log: &Log) -> usize {
     ((1.0 - HELD_OUT) * log.len() as f64) as usize
 }
 
-/// First row of a held-out log that is scored.
+/// First row of a held-out log that is scored, short ones with enough before it to fit a start to.
 fn scored_from(log: &Log, run_in: usize) -> usize {
-    run_in + ((START_SHARE * (log.len() - run_in) as f64) as usize).max(LEAST_ROWS)
+    super::scored_from(log.len(), run_in).max(run_in + LEAST_ROWS)
 }
 
 /// What candidates are judged on.

@@ -27,6 +27,8 @@ use std::sync::atomic::AtomicUsize;
 const MOST_HYSTERONS: usize = 6;
 /// Least rows after a run-in.
 const LEAST_ROWS: usize = 16;
+/// Share of a held-out log, the run-in left out, that its start and its zero are fitted to.
+pub(crate) const START_SHARE: f64 = 0.3;
 
 /// Where the fit starts and what its priors are centred on.
 #[derive(Clone, Debug)]
@@ -323,6 +325,11 @@ fn check_signs(logs: &[Log], options: &Options, nominal: &Model) -> Result<(), I
     let inverted: Vec<&Log> = logs.iter().filter(is_inverted).collect();
     let all = inverted.len() == logs.len();
     inverted.first().map_or(Ok(()), |log| Err(IdentifyError::Inverted { log: log.name.clone(), all }))
+}
+
+/// First row of a held-out log of so many rows that is scored.
+pub(crate) fn scored_from(rows: usize, run_in: usize) -> usize {
+    run_in + ((rows - run_in) as f64 * START_SHARE) as usize
 }
 
 fn run_in_rows(log: &Log, options: &Options) -> usize {

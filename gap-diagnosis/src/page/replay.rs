@@ -3,7 +3,7 @@
 use super::{Axis, Chart, Ink, Kept, Loop, Page, Panel, Series};
 
 /// What a replay page shows. The first three slices have one length.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ReplayView<'a> {
     /// Heading.
     pub title: &'a str,

@@ -67,6 +67,20 @@ pub(crate) mod tests {
             .collect()
     }
 
+    /// Reference, command and reading of `u = 3 (r - y)` around that lag, y its output with so much noise of the sensor: that reaches the command.
+    pub fn loop_around_lag(a: f64, n: usize, noise: f64) -> [Vec<f64>; 3] {
+        let (reference, white) = (white(n, 3), white(n, 4));
+        let (mut state, mut command, mut output) = (0.0, Vec::new(), Vec::new());
+        for k in 0..n {
+            let measured = state + noise * white[k];
+            let u = 3.0 * (reference[k] - measured);
+            state = a * state + (1.0 - a) * u;
+            command.push(u);
+            output.push(measured);
+        }
+        [reference, command, output]
+    }
+
     /// Gain and phase of that lag at `turns` cycles per sample.
     pub fn lag_response(a: f64, turns: f64) -> (f64, f64) {
         let (sin, cos) = (std::f64::consts::TAU * turns).sin_cos();

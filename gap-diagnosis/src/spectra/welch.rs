@@ -182,7 +182,7 @@ impl Welch {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{lag, lag_response, white};
+    use super::super::tests::{lag, lag_response, loop_around_lag, white};
     use super::*;
 
     const DT_S: f64 = 1e-4;
@@ -217,17 +217,8 @@ mod tests {
 
     #[test]
     fn in_closed_loop_the_instrument_is_right_where_h1_is_not() {
-        // u = 3 (r - y - e): the noise e of the sensor reaches the command.
         let (a, n) = (0.8, 400_000);
-        let (reference, noise) = (white(n, 3), white(n, 4));
-        let (mut state, mut command, mut output) = (0.0, Vec::new(), Vec::new());
-        for k in 0..n {
-            let measured = state + noise[k];
-            let u = 3.0 * (reference[k] - measured);
-            state = a * state + (1.0 - a) * u;
-            command.push(u);
-            output.push(measured);
-        }
+        let [reference, command, output] = loop_around_lag(a, n, 1.0);
         let plain = frf(&command, &output, DT_S, 256).expect("long enough");
         let found = frf_closed_loop(&reference, &command, &output, DT_S, 256).expect("long enough");
         let mut squares = 0.0;

@@ -45,10 +45,7 @@ impl Chain {
         // What comes late comes beside what is behind the bandwidth.
         let late = drive.late.map(|late| (late.share, Some(Lag::First { time_constant_s: late.time_constant_s })));
         let rest = 1.0 - late.map_or(0.0, |(share, _)| share);
-        let ways = [(rest, drive.lag.filter(|lag| lag.acts()))].into_iter().chain(late);
-        if drive.has_memory() {
-            region.drive_by(ways);
-        }
+        region.drive_by([(rest, drive.lag.filter(|lag| lag.acts()))].into_iter().chain(late));
         region.b *= drive.gain;
         region.d *= drive.gain;
         region

@@ -164,15 +164,15 @@ impl SampledLoop {
         let size = first_past + n_past;
         let (kp, ki_per_sample) = (gain * self.kp, gain * self.ki_per_sample);
 
-        let mut drive = RowDVector::zeros(size);
-        drive.columns_mut(0, n).copy_from(&(&self.output * -(kp + ki_per_sample)));
+        let mut seen = RowDVector::zeros(size);
+        seen.columns_mut(0, n).copy_from(&self.output);
+        if self.feedthrough != 0.0 {
+            // Of the drive that acts when a sample is taken.
+            seen[first_past + self.whole_delay] = self.feedthrough;
+        }
+        let mut drive = &seen * -(kp + ki_per_sample);
         if n_integral == 1 {
             drive[n] = 1.0;
-        }
-        // The drive that acts when a sample is taken.
-        let acting = first_past + self.whole_delay;
-        if self.feedthrough != 0.0 {
-            drive[acting] -= (kp + ki_per_sample) * self.feedthrough;
         }
         let drive_before = |samples: usize| {
             if samples == 0 {
@@ -189,11 +189,8 @@ impl SampledLoop {
             plant_rows += stale * drive_before(self.whole_delay + 1);
         }
         if n_integral == 1 {
-            matrix.view_mut((n, 0), (1, n)).copy_from(&(&self.output * -ki_per_sample));
+            matrix.row_mut(n).copy_from(&(&seen * -ki_per_sample));
             matrix[(n, n)] = 1.0;
-            if self.feedthrough != 0.0 {
-                matrix[(n, acting)] -= ki_per_sample * self.feedthrough;
-            }
         }
         for past in 0..n_past {
             matrix.row_mut(first_past + past).copy_from(&drive_before(past));
