@@ -266,7 +266,7 @@ pub struct IdentifyCall {
     /// Poles and zeros of a transfer function, such as 4,3; where not given, the order that the logs call for
     #[arg(long, value_name = "N,M", value_parser = order)]
     pub order: Option<(usize, usize)>,
-    /// Number of hysterons, or auto: as many as the logs call for
+    /// Number of hysterons, or auto: as many as the logs call for; not with --plant, which has them
     #[arg(long, value_name = "N|auto", value_parser = hysterons, conflicts_with = "plant", default_value = "auto")]
     pub hysterons: Hysterons,
     /// Start and priors: a model file; without it both are guessed from the logs
@@ -572,7 +572,7 @@ pub struct BlindCheckCall {
     /// Directory to write to
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// 40 cases of all kinds instead of 712
+    /// 40 cases of all kinds instead of 712; not with --scale
     #[arg(long, conflicts_with = "scale")]
     pub quick: bool,
     /// So many times as many cases
@@ -587,10 +587,10 @@ pub struct BlindCheckCall {
     /// Which forms and nuisances; the report split is opened once per release
     #[arg(long, default_value = "develop", value_parser = ["develop", "calibrate", "report"])]
     pub split: String,
-    /// Diagnose again with the true entry struck out
+    /// Diagnose again with the true entry struck out; not with --shard
     #[arg(long)]
     pub leave_one_out: bool,
-    /// Make the proposed experiment where several effects are left, and diagnose again
+    /// Make the proposed experiment where several effects are left, and diagnose again; not with --shard
     #[arg(long)]
     pub active: bool,
     /// Diagnoses at a time; as many as there are cores where not given
@@ -659,7 +659,7 @@ pub struct ReadArguments {
     /// SI value of one unit of a column: displacement=1e-6 for micrometres
     #[arg(long, value_name = "NAME=FACTOR,..", value_delimiter = ',', value_parser = factor)]
     pub scale: Vec<(String, f64)>,
-    /// Sampling rate, for a log without a time column
+    /// Sampling rate, for a log without a time column; where it has one, instead of that
     #[arg(long = "rate", value_name = "HZ", value_parser = positive, allow_negative_numbers = true)]
     pub rate_hz: Option<f64>,
 }

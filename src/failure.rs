@@ -83,7 +83,9 @@ impl Failure {
             .map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "))
             .filter(|p| !p.is_empty() && !p.starts_with("Usage:") && !p.starts_with("For more information"));
         let mut parts: Vec<String> = paragraphs.collect();
-        let is_without_log = error.kind() == ErrorKind::MissingRequiredArgument && text.contains("<LOG>");
+        // The paragraph after what is missing is the usage, which has it all.
+        let is_without_log = error.kind() == ErrorKind::MissingRequiredArgument
+            && parts.first().is_some_and(|missing| missing.contains("<LOG>"));
         if is_without_log && given.iter().any(|word| word == "--held-out") {
             parts.push("--held-out takes every log that follows it: put those to fit before it".to_owned());
         }
@@ -100,7 +102,7 @@ impl Failure {
 
 impl From<LogError> for Failure {
     fn from(error: LogError) -> Self {
-        let wrong_call = error.is_wrong_call() || matches!(error, LogError::Unwritable { .. });
+        let wrong_call = error.is_wrong_call() || matches!(error, LogError::Unwritable { .. } | LogError::Ended { .. });
         Self { code: if wrong_call { WRONG_CALL } else { BAD_FILE }, message: error.to_string() }
     }
 }

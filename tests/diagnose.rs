@@ -419,6 +419,21 @@ fn a_zero_of_each_log_is_no_wrong_number() {
     assert!(shrink > 98.0 && (shrink - predicted).abs() < 1.0, "{shrink} against {predicted} % predicted");
 }
 
+/// A zero that only the held-out log has: fitted logs tell nothing of it, so nobody names it, but the reader is told what is left without.
+#[test]
+fn a_held_out_log_with_a_zero_of_its_own_is_told() {
+    let folder = Folder::new("diagnose-own-zero");
+    let mut case = case(Subject::Null);
+    case.held_out[0].displacement_um.iter_mut().for_each(|y| *y -= 8.0);
+    succeeded(&run(&folder, &call(&folder, &case, &["steps", "sines", "hold"])));
+    let found = diagnosis(&folder);
+    let warnings = list(&found["warnings"]);
+    let told = warnings.iter().find_map(|warning| warning.split_once("is a constant, ")?.1.split(' ').next());
+    // What its hysterons hold at the start makes up for the rest.
+    let constant_um: f64 = told.and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{warnings:?}"));
+    assert!((-8.0..-4.0).contains(&constant_um), "{constant_um}");
+}
+
 /// What scatters hides what is small beside it in all but the octaves and rows where it is quiet.
 #[test]
 fn what_is_small_beside_scatter_is_named_as_well() {

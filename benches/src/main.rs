@@ -182,7 +182,8 @@ fn side_by_side(plant: &Phs, dynamics: &Dynamics, workload: &Workload) {
     let truth = workload.ours(plant, dynamics);
     let tight = Rival::Explicit { equations: Equations::Full, keep_step: false }.run(plant, workload, 1e-12);
     println!("\n{}, {SAMPLES} samples at 10 kHz, full scale {:.1} um", workload.name, full_scale(&truth) * 1e6);
-    println!("error of ours against dop853 at 1e-12: {:.1e} of full scale", error(&truth, &tight));
+    let ours = error(&truth, &tight);
+    println!("error of ours against dop853 at 1e-12: {ours:.1e} of full scale");
     println!(
         "{:>8}  {:<34} {:>9} {:>9} {:>11} {:>10}",
         "ratio", "rival", "tolerance", "error", "ns/sample", "ours, ns"
@@ -218,7 +219,9 @@ fn side_by_side(plant: &Phs, dynamics: &Dynamics, workload: &Workload) {
             None => println!("{:>8}  {name:<34} no tolerance reaches {ALLOWED:.0e}", "-"),
         }
     }
-    let verdict = if best >= workload.bar { "met" } else { "MISSED" };
+    // Rivals that all fail say nothing, and nor do they where ours is what is wrong.
+    let is_met = best.is_finite() && best >= workload.bar && ours < ALLOWED;
+    let verdict = if is_met { "met" } else { "MISSED" };
     println!("{best:>8.1}  times the best rival; bar {} {verdict}", workload.bar);
 }
 

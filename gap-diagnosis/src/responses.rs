@@ -19,6 +19,8 @@ pub struct Played<'a> {
     pub dt_s: f64,
     /// Period of the command in samples as the log states it, if it does.
     pub period_samples: Option<usize>,
+    /// What a loop was to follow, if one was closed: the plain estimate would be wrong there.
+    pub reference_m: Option<&'a [f64]>,
     /// Command.
     pub drive_v: &'a [f64],
     /// Reading.
@@ -27,25 +29,17 @@ pub struct Played<'a> {
     pub models: Vec<(&'static str, Ink, &'a [f64])>,
 }
 
-/// Responses of the logs with a multisine; without one, Welch's of the longest log. All are taken for open loops.
+/// Responses of the logs with a multisine; without one, Welch's of the longest log.
 ///
 /// # Panics
 /// If a log's columns differ in length.
 pub fn responses(logs: &[Played<'_>]) -> Vec<ResponseView> {
-    responses_in_loops(logs, &vec![None; logs.len()])
-}
-
-/// The same where a log may have a reference that a loop followed, one entry for each log.
-///
-/// # Panics
-/// If a log's columns differ in length.
-pub fn responses_in_loops(logs: &[Played<'_>], references_m: &[Option<&[f64]>]) -> Vec<ResponseView> {
     let mut found: Vec<ResponseView> = logs.iter().filter_map(by_multisine).take(MOST).collect();
     if found.is_empty() {
         let seconds = |log: &Played<'_>| log.dt_s * log.measured_m.len() as f64;
-        let mut all: Vec<_> = logs.iter().zip(references_m).collect();
-        all.sort_by(|(a, _), (b, _)| seconds(b).total_cmp(&seconds(a)));
-        found.extend(all.into_iter().find_map(|(log, reference_m)| by_welch(log, *reference_m)));
+        let mut all: Vec<_> = logs.iter().collect();
+        all.sort_by(|a, b| seconds(b).total_cmp(&seconds(a)));
+        found.extend(all.into_iter().find_map(by_welch));
     }
     found
 }
@@ -129,9 +123,9 @@ fn in_words(found: &BestLinear) -> String {
 
 /// In a loop the sensor's noise reaches the command, which makes the plain estimate wrong; the reference has none of it. A board that
 /// follows nothing logs a reference of zero.
-fn by_welch(log: &Played<'_>, reference_m: Option<&[f64]>) -> Option<ResponseView> {
+fn by_welch(log: &Played<'_>) -> Option<ResponseView> {
     let segment = segment_samples(log.measured_m.len());
-    let reference_m = reference_m.filter(|reference_m| reference_m.iter().any(|asked_m| *asked_m != 0.0));
+    let reference_m = log.reference_m.filter(|reference_m| reference_m.iter().any(|asked_m| *asked_m != 0.0));
     let of = |y: &[f64]| match reference_m {
         Some(reference_m) => frf_closed_loop(reference_m, log.drive_v, y, log.dt_s, segment),
         None => frf(log.drive_v, y, log.dt_s, segment),
@@ -167,7 +161,7 @@ mod tests {
 
     fn played<'a>(drive_v: &'a [f64], measured_m: &'a [f64], models: &'a [f64]) -> Played<'a> {
         let models = vec![("model", Ink::Model, models)];
-        Played { name: "log", dt_s: DT_S, period_samples: None, drive_v, measured_m, models }
+        Played { name: "log", dt_s: DT_S, period_samples: None, reference_m: None, drive_v, measured_m, models }
     }
 
     /// Worst error of the measured gain, relative.
@@ -181,8 +175,9 @@ mod tests {
         let (a, n) = (0.8, 100_000);
         let [reference, command, measured] = loop_around_lag(a, n, 0.5);
         let model = lag(&command, a);
-        let log = [played(&command, &measured, &model)];
-        let (plain, looped) = (responses(&log), responses_in_loops(&log, &[Some(&reference)]));
+        let following =
+            |reference_m: Option<&[f64]>| responses(&[Played { reference_m, ..played(&command, &measured, &model) }]);
+        let (plain, looped) = (following(None), following(Some(&reference)));
         // 4096 lines of 23 averages are told to some 15 % each, four times that at worst; the plain estimate is off by a bias.
         let rms = |view: &ResponseView| {
             let of = view.frequency_hz.iter().zip(&view.measured_um_per_v).zip(&view.noise_um_per_v);
@@ -198,8 +193,8 @@ mod tests {
         assert!(worst(&of_model, a) < 0.1, "{}", worst(&of_model, a));
         // A board in open loop logs a reference of zero; one that is held tells nothing.
         let still = vec![0.0; n];
-        assert_eq!(responses_in_loops(&log, &[Some(&still)])[0].measured_um_per_v, plain[0].measured_um_per_v);
-        assert!(responses_in_loops(&log, &[Some(&vec![2.0; n])]).is_empty());
+        assert_eq!(following(Some(&still))[0].measured_um_per_v, plain[0].measured_um_per_v);
+        assert!(following(Some(&vec![2.0; n])).is_empty());
     }
 
     #[test]

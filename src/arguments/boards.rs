@@ -40,7 +40,7 @@ pub struct HilCall {
     /// Run directory to write, empty or not there
     #[arg(long, value_name = "RUNDIR", required_unless_present = "probe_link")]
     pub out: Option<PathBuf>,
-    /// Only measure the link: 10,000 samples to a board that stays idle
+    /// Only measure the link: 10,000 samples to a board that stays idle; no run, so nothing that belongs to one
     #[arg(long, conflicts_with_all = ["controller", "reference", "seconds", "out", "link_faults", "paced"])]
     pub probe_link: bool,
     /// In real time: refused beyond 1 / (2 x the 99.9 % round trip), which is measured first; the drive acts half a sample late
@@ -119,7 +119,8 @@ Without anything to change it shows what is in force. Volts and metres of a
 bench of your own: docs/wiring.md. What is set is checked as a whole, and only
 an idle board takes it: what is refused changes nothing. hil, record and serve
 put a controller's settings over these, its limits too, and leave the
-calibration as it is.")]
+calibration as it is. The board is one that stays behind the call: tcp: or
+serial:.")]
 pub struct BoardParametersCall {
     #[command(flatten)]
     pub at: BoardArguments,
@@ -145,7 +146,8 @@ pub struct BoardParametersCall {
   hysteron board stop --board serial:/dev/ttyACM0
 Takes the drive to 0 V as the board's own ramp does, and the amplifier's enable
 off: for a board whose host has gone and that was told to wait for none
-(link_timeout_s = inf). The safety of a bench is its wired stop.")]
+(link_timeout_s = inf), tcp: or serial:. The safety of a bench is its wired
+stop.")]
 pub struct BoardStopCall {
     #[command(flatten)]
     pub at: BoardArguments,

@@ -254,6 +254,7 @@ impl Fitted<'_> {
                 name: &fitted.name,
                 dt_s: log.dt_s,
                 period_samples: log.meta.period_samples,
+                reference_m: log.reference_m.as_deref(),
                 drive_v: &log.command_v,
                 measured_m: &log.displacement_m,
                 models: vec![("fitted", Ink::Model, &fitted.predicted_m)],

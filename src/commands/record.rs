@@ -73,7 +73,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let link = open(&call.at, model.as_ref(), call.rate, call.seed, call.anti_alias)?;
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
     let board = session.greet()?;
-    let mut warnings = check(call, &plan, &board, model.as_ref())?;
+    let warnings = check(call, &plan, &board, model.as_ref())?;
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     // What drives in open loop does so within the board's own limits, whatever controller ran before it.
@@ -114,6 +114,8 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
             link_faults: call.link_faults.as_deref(),
         };
         let mut recording = Recording::create(&call.out, &facts)?;
+        // Now that nothing is refused any more, and before anything moves.
+        output::warn(&warnings);
         let ended = play(call, &plan, &facts, session, bench.as_mut(), &mut recording, faults.is_some());
         let ending = match ended {
             Ok(ending) => ending,
@@ -137,8 +139,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
     let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
-    warnings.extend(stays);
-    output::warn(&warnings);
+    output::warn(stays.as_slice());
     say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
     verdict(call, &names, &ending)
 }

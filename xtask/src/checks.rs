@@ -3,6 +3,7 @@
 use crate::project::{Outcome, Project, passes};
 use crate::{arrows, bare, deny, firmware, tidy};
 use anyhow::{Context, Result, bail};
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant, UNIX_EPOCH};
@@ -99,7 +100,8 @@ pub fn doc(project: &Project) -> Result<Outcome> {
 
 /// `cargo test`, with the runner's closing lines once more at the end, where a reader of a long log looks.
 pub fn test(project: &Project) -> Result<Outcome> {
-    run_tests(project.cargo().args(["test", "--workspace", "--locked", "--no-fail-fast"]))
+    // What a passing test prints is where it says that it was not run.
+    run_tests(project.cargo().args(["test", "--workspace", "--locked", "--no-fail-fast", "--", "--show-output"]))
 }
 
 /// Both directions of the link at once, for `seconds`. The first seed is printed; a failing one is named, and repeats alone.
@@ -117,17 +119,20 @@ pub fn fuzz(project: &Project, seconds: u32, seed: Option<u32>) -> Result<Outcom
 pub fn run_tests(command: &mut Command) -> Result<Outcome> {
     let mut child = command.stdout(Stdio::piped()).spawn().context("starting the tests")?;
     let stdout = child.stdout.take().context("the tests have no output")?;
-    let mut closing = Vec::new();
+    let (mut closing, mut not_run) = (Vec::new(), BTreeSet::new());
     for line in BufReader::new(stdout).split(b'\n') {
         let line = line.context("reading the tests' output")?;
         let line = String::from_utf8_lossy(&line);
         println!("{line}");
         if line.starts_with("test result: ") {
             closing.push(line.into_owned());
+        } else if line.starts_with("not run: ") {
+            not_run.insert(line.into_owned());
         }
     }
     let status = child.wait().context("waiting for the tests")?;
     println!("\nclosing lines of {} test programs:\n{}", closing.len(), closing.join("\n"));
+    not_run.iter().for_each(|line| println!("{line}"));
     let counts = Counts::of(&closing);
     println!("tests: {} passed, {} failed, {} ignored", counts.passed, counts.failed, counts.ignored);
     if !status.success() {

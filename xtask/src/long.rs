@@ -9,7 +9,11 @@ use anyhow::{Result, bail};
 const PROPTEST_CASES: &str = "20000";
 
 const TASKS: &[Step] = &[
-    Step { name: "tests", what: "every test in release, HYSTERON_LONG=1, 20000 cases per property", run: tests },
+    Step {
+        name: "tests",
+        what: "every test in release, HYSTERON_LONG=1, 20000 cases per property that does not fix its number",
+        run: tests,
+    },
     Step {
         name: "board-1e7",
         what: "1e7 samples of the flash image: none lost, none late, bit for bit the law's",

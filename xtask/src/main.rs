@@ -145,7 +145,15 @@ fn bench(project: &Project, name: Option<&str>) -> Result<Outcome> {
     for (_, program) in chosen {
         let mut cargo = project.cargo();
         cargo.env("RUSTFLAGS", "-C target-cpu=native");
-        project::passes(cargo.args(["run", "--release", "--manifest-path", "benches/Cargo.toml", "--bin", program]))?;
+        project::passes(cargo.args([
+            "run",
+            "--release",
+            "--locked",
+            "--manifest-path",
+            "benches/Cargo.toml",
+            "--bin",
+            program,
+        ]))?;
     }
     Ok(Outcome::Passed)
 }

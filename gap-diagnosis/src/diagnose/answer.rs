@@ -16,6 +16,7 @@ use super::report::responses_of;
 use super::screen::Lead;
 use super::search::Search;
 use super::verdict::{Class, Ranked, Verdict, hidden_gains, leading, named, probability, ranking, set90};
+use super::zeros::own_zeros;
 use super::{Options, Say};
 use crate::identify::START_SHARE;
 use crate::identify::parameters::Quantity;
@@ -256,6 +257,7 @@ pub(super) fn answer(
             shares_of_nothing = [(1.0 - SURPRISED) * course.no_gap, course.unknown + SURPRISED * course.no_gap];
         }
     }
+    warnings.extend(own_zeros(benches, &three));
     for (log, open_m) in spread.open_starts(benches, &three.augmented) {
         warnings.push(format!(
             "{log}: its first {:.0} %, which tell where it starts, leave open what its hysterons hold; of what stays there some {:.2} um may be that: \

@@ -44,6 +44,7 @@ mod starts;
 pub mod symmetry;
 mod usual;
 mod verdict;
+mod zeros;
 
 pub use answer::{BestFit, Diagnosis, Evidence, LogEvidence, Rival, SCHEMA, Unexplained};
 pub use augment::{Changed, Estimate};

@@ -9,7 +9,7 @@ use crate::page::{
     ChangedView, ClassView, DiagnosedLog, DiagnosisView, EffectView, EstimateView, GapView, Ink, NextView, Page,
     RankView, ResponseView, RivalView, ShareView, UnexplainedView, diagnosis_page, four_digits,
 };
-use crate::responses::{MOST_ROWS, Played, responses_in_loops};
+use crate::responses::{MOST_ROWS, Played, responses};
 use plant_sim::effects::find;
 
 /// A fit whose numbers shift by more than this, in squares of sigma, bends the plant.
@@ -318,21 +318,21 @@ fn shown_in_part(log: &LogEvidence) -> Option<String> {
 pub(super) fn responses_of(benches: &Benches<'_>, three: &Three) -> Vec<ResponseView> {
     let logs = benches.records().zip(three.nominal.iter().zip(&three.augmented));
     let short = logs.filter(|(record, _)| record.log.len() <= MOST_ROWS);
-    let (played, references_m): (Vec<Played<'_>>, Vec<Option<&[f64]>>) = short
+    let played: Vec<Played<'_>> = short
         .map(|(record, (nominal, augmented))| {
             let log = record.log;
-            let played = Played {
+            Played {
                 name: &log.name,
                 dt_s: log.dt_s,
                 period_samples: log.meta.period_samples,
+                reference_m: log.reference_m.as_deref(),
                 drive_v: log.drive_v.as_ref().unwrap_or(&log.command_v),
                 measured_m: &log.displacement_m,
                 models: vec![("nominal", Ink::Error, nominal), ("with the effects", Ink::Model, augmented)],
-            };
-            (played, log.reference_m.as_deref())
+            }
         })
-        .unzip();
-    responses_in_loops(&played, &references_m)
+        .collect();
+    responses(&played)
 }
 
 /// By how much an error shrank, with its interval, or by how much it grew.

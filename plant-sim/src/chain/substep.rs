@@ -23,8 +23,12 @@ const SUBSTEP: f64 = 0.3;
 const COARSE_SUBSTEP: f64 = 0.6;
 /// Most sub-steps in a sample, but for slow ones.
 const MOST: f64 = 64.0;
-/// Rows slower than this may have as many more sub-steps, in seconds.
+/// Rows slower than this, in seconds, may have as many times more for stiff laws, and at the most so many times: a search tries laws that
+/// are a thousand times too stiff, and those may run away sooner than cost a second each.
 const USUAL_ROW_S: f64 = 2e-4;
+const MOST_SLOWER: f64 = 4.0;
+/// What can press the mass against a spring that is added, in forces that hold the plant at the end of its stroke: a step overshoots.
+const REACH: f64 = 4.0;
 /// Most sub-steps in any sample: half a second of computing. Of a row that is longer still the path is not foreseen, and it shows: it runs away.
 const MOST_EVER: f64 = 1_048_576.0;
 /// A leak faster than this over a sub-step keeps its hysteron on its edge, as far as the path is concerned.
@@ -124,11 +128,19 @@ pub(super) fn without_bent_leaks(plant: &Phs, bends: &[Bend]) -> Phs {
 /// that shifts a parameter by little hardly ever changes them.
 pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64) -> [usize; 2] {
     let springs: f64 = plant.hysterons.iter().map(|h| plant.transduction_c_per_m.powi(2) / h.capacitance_f).sum();
+    let stiffness = plant.stiffness_n_per_m + springs;
+    // A law that is steep at the stroke's end keeps the mass from getting there.
+    let steepest = |of_power: f64, power: i32| {
+        let order = f64::from(power);
+        let at_stroke = order * of_power.abs() * stroke_m.powi(power - 1);
+        let reached = (REACH * stiffness * order / at_stroke).min(1.0).powf(1.0 / order);
+        at_stroke * reached.powi(power - 1)
+    };
     let stiffness_of = |force: &Force| match *force {
-        Force::Fourth { fourth_n_per_m4 } => 4.0 * fourth_n_per_m4.abs() * stroke_m.powi(3),
-        Force::Fifth { fifth_n_per_m5 } => 5.0 * fifth_n_per_m5.abs() * stroke_m.powi(4),
+        Force::Fourth { fourth_n_per_m4 } => steepest(fourth_n_per_m4, 4),
+        Force::Fifth { fifth_n_per_m5 } => steepest(fifth_n_per_m5, 5),
         Force::Spring { quadratic_n_per_m2, cubic_n_per_m3 } => {
-            2.0 * quadratic_n_per_m2.abs() * stroke_m + 3.0 * cubic_n_per_m3.abs() * stroke_m * stroke_m
+            steepest(quadratic_n_per_m2, 2) + steepest(cubic_n_per_m3, 3)
         }
         Force::OneSided { stiffness_n_per_m }
         | Force::Gradual { stiffness_n_per_m, .. }
@@ -149,7 +161,6 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     let added: f64 = parts.forces.iter().map(stiffness_of).sum();
     // Friction that gives way can't push the mass far, whatever its stiffness.
     let lasting: f64 = parts.forces.iter().filter(|force| !gives_way(force)).map(stiffness_of).sum();
-    let stiffness = plant.stiffness_n_per_m + springs;
     let mut rate = (stiffness / plant.mass_kg).sqrt();
     for mode in &parts.modes {
         if let Joint::Attached { mass_kg } = mode.joint {
@@ -161,9 +172,10 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     // Where a rate times a sub-step is 3, the cubic that foresees the path lies metres off and the plant runs away: 1 is far enough from that.
     let whole = |steps: f64| steps.log2().ceil().exp2();
     let least = whole(rate * sample_s);
-    let slower = whole(sample_s / USUAL_ROW_S).max(1.0);
+    let most = most.max(least);
+    let most_of_laws = most * whole(sample_s / USUAL_ROW_S).clamp(1.0, MOST_SLOWER);
     let count = |rate: f64, of_laws: f64| {
-        let most = most.max(least).max(whole(of_laws * sample_s).min(most * slower)).min(MOST_EVER);
+        let most = most.max(whole(of_laws * sample_s).min(most_of_laws)).min(MOST_EVER);
         whole(rate * sample_s / substep).max(1.0).min(most) as usize
     };
     let idle = count(rate, 0.0);

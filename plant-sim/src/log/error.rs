@@ -64,6 +64,14 @@ pub enum LogError {
         /// What the operating system said.
         source: io::Error,
     },
+    /// A log that is read while it is written can't grow any more; its rows so far stay.
+    #[error("{}: no row can be added: {source}; those before stay there, make room or name another place with --out", path.display())]
+    Ended {
+        /// The log.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
     /// The file holds no byte, or nothing but blank lines and comments.
     #[error("{}: is empty; a log has a header line and at least 16 samples", path.display())]
     Empty {
@@ -315,7 +323,7 @@ pub enum LogError {
         expected: &'static str,
     },
     /// A log is written by extension, and this one is not known.
-    #[error("{}: unknown kind of log; end its name in .csv, .npy or .mat", path.display())]
+    #[error("{}: unknown kind of log; end its name in .csv, .npy or .mat, or .parquet or .mf4 where they were built in", path.display())]
     UnknownKind {
         /// The file.
         path: PathBuf,

@@ -66,7 +66,7 @@ impl Writer {
     /// a kill or a power cut comes in the middle of a call: readers leave such a row out.
     ///
     /// # Errors
-    /// [`LogError::Unwritable`]. A live log then ends with the rows handed over before, and is given up.
+    /// [`LogError::Unwritable`], [`LogError::Ended`]. A live log then ends with the rows handed over before, and is given up.
     pub fn flush(&mut self) -> Result<(), LogError> {
         let Some(staged) = &mut self.staged else { return Err(gave_up(&self.path)) };
         match staged.file.hand_over() {
@@ -81,8 +81,18 @@ impl Writer {
                     // Nobody is left to be told if this fails too.
                     let _ = OpenOptions::new().write(true).open(&self.path).and_then(|file| file.set_len(bytes));
                 }
-                Err(LogError::Unwritable { path: self.path.clone(), source })
+                Err(self.ended(source))
             }
+        }
+    }
+
+    /// What is to be said where no row can be added.
+    fn ended(&self, source: io::Error) -> LogError {
+        let path = self.path.clone();
+        if self.handed_over.is_some() {
+            LogError::Ended { path, source }
+        } else {
+            LogError::Unwritable { path, source }
         }
     }
 
@@ -123,13 +133,16 @@ impl Writer {
     ///
     /// # Errors
     /// [`LogError::NotFinite`] and [`LogError::RowWidth`] for a row that no reader would take,
-    /// [`LogError::Unwritable`]. After any of them the log is given up.
+    /// [`LogError::Unwritable`], [`LogError::Ended`]. After any of them the log is given up.
     pub fn row(&mut self, values: &[f64]) -> Result<(), LogError> {
         let result = self.try_row(values);
         if result.is_err() {
             self.staged = None;
         }
-        result
+        result.map_err(|error| match error {
+            LogError::Unwritable { source, .. } => self.ended(source),
+            other => other,
+        })
     }
 
     fn try_row(&mut self, values: &[f64]) -> Result<(), LogError> {
