@@ -327,8 +327,11 @@ impl Augmented {
             return Vec::new();
         }
         let rules = bench.rules(hypothesis);
-        let is_open = |place: usize| self.sigma(place) > UNDETERMINED * rules[place].sigma;
-        let open = |index: &usize| bench.start_places(hypothesis, *index).any(is_open);
+        // Hysterons without a dead zone hold nothing at rest: the volts come first, then what each holds, then what swings.
+        let (hysterons, memories) = (bench.hysterons(hypothesis), bench.memories(hypothesis));
+        let acts = |at: usize| at == 0 || at > hysterons || memories.contains(&(at - 1));
+        let is_open = |(at, place): (usize, usize)| acts(at) && self.sigma(place) > UNDETERMINED * rules[place].sigma;
+        let open = |index: &usize| bench.start_places(hypothesis, *index).enumerate().any(is_open);
         (0..bench.records.len()).filter(open).map(|index| bench.records[index].log.name.clone()).collect()
     }
 }

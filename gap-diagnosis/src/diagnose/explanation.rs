@@ -95,6 +95,7 @@ impl Explanation {
     pub(super) fn along(self, freed: &Freed, rest: f64) -> Self {
         let mut explanation = self.and(freed.effect);
         explanation.judged.left *= rest;
+        explanation.judged.floor *= rest;
         explanation.judged.prior_cost = freed.cost;
         explanation.freed.push(freed.clone());
         explanation

@@ -5,7 +5,7 @@ use super::directions::{FREED_BESIDES, NEARLY_ALL};
 use super::judge::{RESOLVED, Say};
 use super::refit::{AT_NOISE, BENT_COST, come_home, nominal};
 use super::screen::{Lead, Starts};
-use super::search::{Candidate, Remainder, Search, WORTH_MORE, after_run_in};
+use super::search::{Candidate, Remainder, Search, after_run_in};
 use super::symmetry::along;
 use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, find};
 use std::f64::consts::TAU;
@@ -57,7 +57,7 @@ const AS_GOOD: f64 = 1.5;
 const HALF: f64 = 0.5;
 /// No second effect stands beside a fit that leaves this much: the stronger of two takes half of the power, which leaves 0.71 of the gap.
 const HARDLY_HALF: f64 = 0.75;
-/// The second must promise this share of the power that was left, and then take this much of it.
+/// The second must promise this share of the power that was left, and then take this much of what was left, as amplitude.
 const SECOND_SHARE: f64 = 0.4;
 const PAIR_TAKES: f64 = 0.5;
 /// .. or this much, before either is tried in its other forms.
@@ -590,7 +590,7 @@ impl Fits<'_> {
     /// them.
     /// It is given up where it soon costs more than `most`.
     fn fit_of(&self, lead: &Lead, most: f64) -> Candidate {
-        let to_beat = most.min(WORTH_MORE * self.refit.found.data_cost);
+        let to_beat = most.min(self.search.worth_more(self.refit));
         let fit = self.search.extend_below(self.refit, lead, true, to_beat);
         let promised = 1.0 - (1.0 - lead.share).max(0.0).sqrt();
         let taken = 1.0 - self.left(&fit);

@@ -297,8 +297,8 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
     }
     let [rows, difference2, noise2, goes_with] = headline;
     let sum = |logs: &[OfLog], of: fn(&OfLog) -> f64| logs.iter().map(of).sum::<f64>();
-    // What scatters bends no number.
-    let is_form = matches!(left.with, LeftWith::Difference);
+    // What scatters bends no number, and stretches of the fitted logs are no others.
+    let is_form = matches!(left.with, LeftWith::Difference) && benches.held.is_some();
     if is_form && sum(&fitted, |log| log.left2) > (AT_NOISE - 1.0) * sum(&fitted, |log| log.noise2) {
         let more_m2 = left.left_out_m2.into_iter().flatten();
         fitted.iter_mut().zip(more_m2).for_each(|(log, more_m2)| log.left2 = of_another(log.left2, log.rows * more_m2));

@@ -32,6 +32,8 @@ pub struct Installed {
     pub remembers: bool,
     /// Products of the sensitivities to what belongs to each log, of each log, metres squared; none where that is not known.
     pub(super) squares_of_own: Vec<DMatrix<f64>>,
+    /// The same of what the first stretch of each log tells.
+    pub(super) squares_of_start: Vec<DMatrix<f64>>,
 }
 
 impl Installed {
@@ -167,7 +169,8 @@ impl Hypothesis {
         let remembers = chain.sensor.play_m > 0.0 || chain.parts.holdable_n() > 0.0;
         let mut installed = self.installed.clone();
         let modes = chain.parts.modes.len() + chain.parts.arms.len();
-        installed.push(Installed { effect, form, axes, holds, modes, remembers, squares_of_own: Vec::new() });
+        let (squares_of_own, squares_of_start) = (Vec::new(), Vec::new());
+        installed.push(Installed { effect, form, axes, holds, modes, remembers, squares_of_own, squares_of_start });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
         Self { installed, ..Self::nominal(freedom) }
     }

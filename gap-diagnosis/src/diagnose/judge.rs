@@ -179,8 +179,9 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
     explanations.extend(by_symmetry(pairs, &refit, 0.0, floor, without, FREED_AT_NOISE));
     let score = |e: &Explanation| -0.5 * (e.judged.prior_cost + e.rarer()) - LOOK_ELSEWHERE * e.freed.len() as f64;
     let mut scores: Vec<f64> = explanations.iter().map(score).collect();
-    let repeats = search.repeats(&refit);
-    let misfit = |fit: &Candidate| fit.found.data_cost / repeats + search.cost_of_starts(fit);
+    // A log whose rows go together counts less than its rows, whatever others do.
+    let weights = search.independent_weights(&refit);
+    let misfit = |fit: &Candidate| fit.found.normal.cost(&weights) + search.cost_of_starts(fit);
     // Each number more speaks against a fit (Akaike 1974).
     let score_of = |fit: &Candidate, cost: f64, more: usize| {
         -0.5 * (cost + misfit(fit) - misfit(&refit)) - more as f64 - LOOK_ELSEWHERE

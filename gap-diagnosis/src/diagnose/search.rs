@@ -31,7 +31,7 @@ const LED_ROUNDS: usize = 2;
 const LED_BY: f64 = 1.0;
 
 /// An effect that leaves more than this of the squares soon is not followed farther.
-pub(super) const WORTH_MORE: f64 = 0.85;
+const WORTH_MORE: f64 = 0.85;
 
 /// A hypothesis, fitted.
 #[derive(Clone)]
@@ -273,7 +273,15 @@ impl Search<'_> {
 
     /// `base` with the form of `lead`, fitted from there.
     pub fn extend(&self, base: &Candidate, lead: &Lead, from_nominal: bool) -> Candidate {
-        self.extend_below(base, lead, from_nominal, WORTH_MORE * base.found.data_cost)
+        self.extend_below(base, lead, from_nominal, self.worth_more(base))
+    }
+
+    /// Data cost that a fit beside `base` must come below to be worth more steps: it takes some of what is beyond the noise, which no fit takes.
+    pub fn worth_more(&self, base: &Candidate) -> f64 {
+        let normal = &base.found.normal;
+        let rows: usize = normal.logs.iter().map(|sums| sums.rows).sum();
+        let excess = normal.misfit(&noise_weights(self.bench)) - rows as f64;
+        base.found.data_cost - (1.0 - WORTH_MORE) * excess.max(0.0)
     }
 
     /// The same, given up where it soon comes to no lower data cost than `to_beat`.
@@ -463,7 +471,8 @@ impl Search<'_> {
         let mut stages = STAGES;
         stages[STAGES.len() - 1] = repeats;
         let other = self.descend(&candidate.hypothesis, z, &stages);
-        let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
+        let weights = self.independent_weights(&candidate);
+        let total = |c: &Candidate| c.found.normal.cost(&weights) + c.found.prior_cost;
         if total(&other) < total(&candidate) { other } else { candidate }
     }
 

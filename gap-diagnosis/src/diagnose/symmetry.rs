@@ -4,7 +4,7 @@
 //! them apart (the exact symmetries of the input-output map, `thesis.md` section 1). That is decided here in parameter space, at the
 //! weight of the noise, without a simulation: how much cheaper do the shifts become if one direction is free?
 
-use super::bench::{Bench, Rule, add_priors, pin_idle};
+use super::bench::{Bench, Rule, add_priors, factor, pin_idle};
 use super::descend::Found;
 use super::hypothesis::Hypothesis;
 use super::refit::BENT_COST;
@@ -234,7 +234,7 @@ fn reduced(
     if rest == 0 {
         return Some((information, gradient));
     }
-    let own = information.view((nominal, nominal), (rest, rest)).into_owned().cholesky()?;
+    let own = factor(information.view((nominal, nominal), (rest, rest)).into_owned())?;
     let cross = information.view((0, nominal), (nominal, rest)).into_owned();
     let reduced = information.view((0, 0), (nominal, nominal)).into_owned() - &cross * own.solve(&cross.transpose());
     let gradient =

@@ -26,14 +26,20 @@ impl Hypothesis {
         let places: Vec<_> = (0..bench.records.len()).map(|index| bench.places(self, index)).collect();
         let mut usual = self.clone();
         for (at, installed) in usual.installed.iter_mut().enumerate() {
-            for number in installed.of_scope(Scope::EachStart) {
-                let of_logs: Vec<f64> = places.iter().map(|places| z[places[at][number]]).collect();
+            let numbers = installed.of_scope(Scope::EachStart);
+            let of_logs: Vec<DVector<f64>> =
+                places.iter().map(|places| DVector::from_fn(numbers.len(), |i, _| z[places[at][numbers[i]]])).collect();
+            // Lines side by side make up for one another in a log that is too short to tell them apart, and in another log they need not.
+            let most = if numbers.len() > 2 { share(&of_logs, &installed.squares_of_start) } else { None };
+            for (i, number) in numbers.into_iter().enumerate() {
+                let of_logs: Vec<f64> = of_logs.iter().map(|of_log| of_log[i]).collect();
                 let count = of_logs.len() as f64;
                 let mean = of_logs.iter().sum::<f64>() / count;
                 let spread2 = of_logs.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
                 // One log says nothing of how they differ.
                 let width = if of_logs.len() > 1 { 2.0 * spread2.sqrt() } else { mean.abs().max(1.0) };
-                installed.axes[number].usual = Some([mean, width.max(LEAST_WIDTH)]);
+                let most = most.as_ref().map_or(f64::INFINITY, |most| most[i]);
+                installed.axes[number].usual = Some([mean.clamp(-most, most), width.min(2.0 * most).max(LEAST_WIDTH)]);
             }
         }
         for (at, own, common) in self.in_common(bench, z) {
@@ -130,12 +136,15 @@ impl Hypothesis {
         let begins: Vec<usize> = (0..bench.records.len()).map(|index| bench.own_start(&self, index)).collect();
         let shared = bench.shared(&self);
         for (at, installed) in self.installed.iter_mut().enumerate() {
-            let own = installed.of_scope(Scope::EachLog);
-            let of_log = |(index, products): (usize, &&DMatrix<f64>)| {
-                let place = |i: usize| places[index][at][own[i]] - begins[index] + shared;
-                DMatrix::from_fn(own.len(), own.len(), |i, j| products[(place(i), place(j))])
+            let squares_of = |numbers: Vec<usize>| -> Vec<DMatrix<f64>> {
+                let of_log = |(index, products): (usize, &&DMatrix<f64>)| {
+                    let place = |i: usize| places[index][at][numbers[i]] - begins[index] + shared;
+                    DMatrix::from_fn(numbers.len(), numbers.len(), |i, j| products[(place(i), place(j))])
+                };
+                products.iter().enumerate().map(of_log).collect()
             };
-            installed.squares_of_own = products.iter().enumerate().map(of_log).collect();
+            installed.squares_of_start = squares_of(installed.of_scope(Scope::EachStart));
+            installed.squares_of_own = squares_of(installed.of_scope(Scope::EachLog));
         }
         self
     }
@@ -179,6 +188,19 @@ impl Held {
         let width = (4.0 * apart2 + error2 + LEAST_HELD.powi(2)).sqrt();
         Some(Self { mean, width, against_nothing: mean.powi(2) / error2 })
     }
+}
+
+/// What each number of a log would be if all made the same share of what they make of it together, rms over the logs; `None` where a number
+/// makes nothing.
+fn share(of_logs: &[DVector<f64>], squares: &[DMatrix<f64>]) -> Option<DVector<f64>> {
+    let (first, logs) = (squares.first()?, of_logs.len().min(squares.len()) as f64);
+    let mut squares_of_all = DVector::zeros(first.nrows());
+    for (of_log, squares) in of_logs.iter().zip(squares) {
+        let made = (squares * of_log).dot(of_log).max(0.0);
+        squares_of_all += squares.diagonal().map(|one| made / one / (logs * of_log.len() as f64));
+    }
+    let most = squares_of_all.map(f64::sqrt);
+    most.iter().all(|most| most.is_finite()).then_some(most)
 }
 
 /// What logs have in common of numbers that each has of its own.
