@@ -230,9 +230,9 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
         Source::Closed(reference_m, _) => reference_m.len(),
     };
     let mut board = Board::new(bench, session, n_rows, &before_v, period_s);
-    let mut motion = Motion::new(bench, session.step_s, &mut chance);
     let h = session.step_s;
     let t_zero = n_before as f64 * period_s;
+    let mut motion = Motion::new(bench, h, t_zero, &mut chance);
     let signs: [f64; 2] = std::array::from_fn(|_| if chance.history.random::<bool>() { 1.0 } else { -1.0 });
     let mut started = bench.start == Start::default();
     let mut reader = Reader::new(bench, period_s, &mut chance.parts);
@@ -578,8 +578,8 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    fn new(bench: &Bench, h_s: f64, chance: &mut Chance) -> Self {
-        let drives = bench.drives.iter().map(|part| part.begin(h_s, &mut chance.parts)).collect();
+    fn new(bench: &Bench, h_s: f64, before_s: f64, chance: &mut Chance) -> Self {
+        let drives = bench.drives.iter().map(|part| part.begin(h_s, before_s, &mut chance.parts)).collect();
         let phases = bench.forces.iter().map(|part| part.begin(TAU * chance.parts.random::<f64>()));
         let drag = 0.5 * h_s * bench.damping_n_s_per_m;
         let inverse = 1.0 / (bench.mass_kg + drag);
@@ -592,7 +592,7 @@ impl Motion {
             drive_v: 0.0,
             drives,
             forces: phases.collect(),
-            follows: bench.follows.iter().map(|part| part.begin(h_s)).collect(),
+            follows: bench.follows.iter().map(|part| part.begin(h_s, before_s)).collect(),
             needs_corrector: bench.forces.iter().any(Force::feels_velocity),
             is_dry: bench.forces.iter().any(Force::is_dry),
             warmth: 0.0,
@@ -603,7 +603,7 @@ impl Motion {
     /// At rest at zero, for tests that look at the states.
     #[cfg(test)]
     pub(crate) fn at_rest(bench: &Bench, h_s: f64) -> Self {
-        Self::new(bench, h_s, &mut Chance::new(0))
+        Self::new(bench, h_s, 0.0, &mut Chance::new(0))
     }
 
     /// Carries the drive chain through `part_s` at a constant command and returns its mean output.

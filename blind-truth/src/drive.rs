@@ -175,8 +175,21 @@ pub(crate) fn second_order(x: &mut f64, rate: &mut f64, u: f64, w: f64, z: f64, 
 
 impl Drive {
     /// Memory at rest, with step-dependent constants filled in; phases and dwells that differ per log are drawn here.
-    pub(crate) fn begin(&self, h_s: f64, rng: &mut Pcg64) -> Memory {
+    ///
+    /// `before_s` is the length of the history: what is a function of time starts with row 0, which is when the log's
+    /// reader starts to count. A line of random phase has no start, and its clock runs from where the run does.
+    pub(crate) fn begin(&self, h_s: f64, before_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
+        match self {
+            Drive::SettlingGain { .. }
+            | Drive::FlickeringGain { .. }
+            | Drive::RoomSwing { .. }
+            | Drive::LateWarming { .. }
+            | Drive::WarmingFrom { .. }
+            | Drive::Ageing { .. } => memory[0] = -before_s,
+            Drive::TimeWarming { .. } => memory[1] = -before_s,
+            _ => {}
+        }
         match self {
             Drive::RippledGain { .. } | Drive::RippledClip { .. } => memory[1] = rng.random::<f64>() * TAU,
             Drive::WarmingFrom { within_s, .. } => memory[1] = rng.random::<f64>() * within_s,
@@ -277,7 +290,7 @@ impl Drive {
                 u * (1.0 + error * (1.0 + share * (TAU * hz * middle_of(m, h_s) + m[1]).sin()))
             }
             Drive::SettlingGain { error, share, tau_s } => {
-                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s) / tau_s).exp()))
+                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s).max(0.0) / tau_s).exp()))
             }
             Drive::FlickeringGain { error, share, .. } => {
                 let t_s = middle_of(m, h_s);
@@ -434,7 +447,11 @@ impl Drive {
                 }
                 u + v * m[0..RELAYS].iter().sum::<f64>() / RELAYS as f64
             }
-            Drive::TimeWarming { gain, tau_s } => u * (1.0 + gain * lag(m, 1.0, *tau_s, h_s)),
+            Drive::TimeWarming { gain, tau_s } => {
+                let is_before_row_zero = m[1] < 0.0;
+                m[1] += h_s;
+                if is_before_row_zero { u } else { u * (1.0 + gain * lag(m, 1.0, *tau_s, h_s)) }
+            }
             Drive::PowerWarming { gain, tau_s } => {
                 let power = (u * (u - m[1])).abs() / (h_s * WARMING_REFERENCE_V2_PER_S);
                 m[1] = u;
@@ -446,10 +463,10 @@ impl Drive {
             }
             Drive::RoomSwing { gain, period_s, phase_rad } => {
                 m[0] += h_s;
-                u * (1.0 + gain * ((TAU * m[0] / period_s + phase_rad).sin() - phase_rad.sin()))
+                u * (1.0 + gain * ((TAU * m[0].max(0.0) / period_s + phase_rad).sin() - phase_rad.sin()))
             }
             Drive::LateWarming { gain, tau_s } => {
-                let t = middle_of(m, h_s) / tau_s;
+                let t = middle_of(m, h_s).max(0.0) / tau_s;
                 u * (1.0 + gain * (1.0 - (1.0 + t) * (-t).exp()))
             }
             Drive::WarmingFrom { gain, tau_s, .. } => {
@@ -458,7 +475,7 @@ impl Drive {
             }
             Drive::Ageing { per_decade, t0_s } => {
                 m[0] += h_s;
-                u * (1.0 - per_decade * (m[0] / t0_s).ln_1p() / std::f64::consts::LN_10)
+                u * (1.0 - per_decade * (m[0].max(0.0) / t0_s).ln_1p() / std::f64::consts::LN_10)
             }
             Drive::Creep(chain) => u + chain.step(m, u, h_s),
         }

@@ -283,7 +283,7 @@ fn no_free_bench_gains_energy() {
 fn drive_parts_have_their_gain_and_bounds() {
     let h = 1e-6;
     let settle = |drive: &Drive, u: f64| {
-        let mut memory = drive.begin(h, &mut Pcg64::seed_from_u64(5));
+        let mut memory = drive.begin(h, 0.0, &mut Pcg64::seed_from_u64(5));
         (0..20_000).map(|_| drive.step(&mut memory, u, h)).last().unwrap()
     };
     for drive in [
@@ -435,7 +435,7 @@ fn lost_rows_show_what_their_link_says() {
 #[test]
 fn hysteretic_drive_parts_are_exact_for_any_change() {
     let end = |drive: &Drive, parts: usize| {
-        let mut memory = drive.begin(1e-6, &mut Pcg64::seed_from_u64(5));
+        let mut memory = drive.begin(1e-6, 0.0, &mut Pcg64::seed_from_u64(5));
         let (mut from, mut out) = (0.0, 0.0);
         for to in [50.0, 20.0, 35.0, -60.0, -60.0, 10.0] {
             for k in 1..=parts {

@@ -25,6 +25,8 @@ mod forms;
 mod hysteron;
 #[cfg(test)]
 mod integrator_tests;
+#[cfg(test)]
+mod log_tests;
 mod nominal;
 mod plan;
 mod record;

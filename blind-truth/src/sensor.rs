@@ -56,8 +56,8 @@ pub(crate) enum Follow {
 }
 
 impl Follow {
-    /// Memory at rest at zero.
-    pub(crate) fn begin(&self, h_s: f64) -> Memory {
+    /// Memory at rest at zero; `before_s` is the length of the history, for what is a function of time from row 0 on.
+    pub(crate) fn begin(&self, h_s: f64, before_s: f64) -> Memory {
         let mut memory = [0.0; 32];
         match self {
             Follow::Lag { tau_s }
@@ -65,6 +65,7 @@ impl Follow {
             | Follow::TwoLags { tau_s }
             | Follow::SoftPlay { tau_s, .. }
             | Follow::LeaningPlay { tau_s, .. } => memory[3] = (-h_s / tau_s).exp(),
+            Follow::LooseMode { .. } => memory[2] = -before_s,
             _ => {}
         }
         memory
@@ -170,7 +171,7 @@ impl Follow {
             }
             Follow::LooseMode { m_per_v, hz, damping_ratio, share, tau_s } => {
                 m[2] += h_s;
-                let now_hz = hz * (1.0 + share * (-m[2] / tau_s).exp_m1());
+                let now_hz = hz * (1.0 + share * (-m[2].max(0.0) / tau_s).exp_m1());
                 let shape = follow(m, drive_v, TAU * now_hz, *damping_ratio, h_s) + 0.5 * h_s * m[1];
                 x + m_per_v * shape
             }
