@@ -25,6 +25,10 @@ pub(crate) const STEP_S: f64 = 1e-6;
 
 /// From a row's sampling to its command's new edge, in every log.
 pub(crate) const LATENCY_US: f64 = 10.0;
+/// Rows by which a sampling time errs at random at the most: beyond half a row, two could change places.
+pub(crate) const JITTER_ROWS: f64 = 0.45;
+/// The same for an edge that is late and early by turns.
+pub(crate) const TURN_ROWS: f64 = 0.4;
 /// Steps of the integrator within which two instants are one.
 const ROUNDING: f64 = 1e-3;
 
@@ -236,8 +240,8 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
     let signs: [f64; 2] = std::array::from_fn(|_| if chance.history.random::<bool>() { 1.0 } else { -1.0 });
     let mut started = bench.start == Start::default();
     let mut reader = Reader::new(bench, period_s, &mut chance.parts);
-    let mut wander = 0.0;
-    let mut next_sample_s = sample_time(&bench.timing, 0, n_before, period_s, &mut wander, &mut chance.timing);
+    let mut sampler = Sampler { timing: &bench.timing, n_before, period_s, wander: 0.0, last_s: f64::NEG_INFINITY };
+    let mut next_sample_s = sampler.time(0, &mut chance.timing);
     let mut next_edge_s = board.edge_time(0);
     let mut n_sampled = 0;
     let mut n_edges = 0;
@@ -255,13 +259,13 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
         let end = t + 0.5 * h;
         let mut from = t - 0.5 * h;
         let mut mean_v = 0.0;
-        while next_edge_s < end {
+        while next_edge_s < end && board.is_decided(n_edges) {
             let part_s = next_edge_s - from;
             if part_s > 1e-12 {
                 mean_v += motion.drive(bench, held_v, part_s) * part_s / h;
                 from = next_edge_s;
             }
-            held_v = board.command(n_edges, reader.latest_m, &mut chance.timing);
+            held_v = board.command(n_edges, &mut chance.timing);
             n_edges += 1;
             next_edge_s = board.edge_time(n_edges);
         }
@@ -286,56 +290,73 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
             let reading_m = reader.read(bench, at, &row, &mut chance);
             board.sampled(n_sampled, reading_m, motion.drive_v);
             n_sampled += 1;
-            next_sample_s = sample_time(&bench.timing, n_sampled, n_before, period_s, &mut wander, &mut chance.timing);
+            next_sample_s = sampler.time(n_sampled, &mut chance.timing);
         }
         y_before = y;
-    }
-    // The last rows' edges lie after the last sample; their commands are part of the log all the same.
-    while n_edges < n_before + n_rows {
-        board.command(n_edges, reader.latest_m, &mut chance.timing);
-        n_edges += 1;
     }
     board.record
 }
 
-/// True time of a row's sampling since the start of the history; `wander` is the memory of a jitter that has one.
-fn sample_time(timing: &Timing, row: usize, n_before: usize, period_s: f64, wander: &mut f64, rng: &mut Pcg64) -> f64 {
-    let since_s = (row as f64 - n_before as f64) * period_s;
-    let slip_s = if timing.clock_swing_s > 0.0 {
-        let w = TAU / timing.clock_swing_s;
-        timing.clock_error * (1.0 - (w * since_s).cos()) / w
-    } else if timing.clock_sync_s > 0.0 {
-        timing.clock_error * since_s.rem_euclid(timing.clock_sync_s)
-    } else if let Some((share, tau_s)) = timing.clock_settling {
-        let warm_s = since_s.max(0.0);
-        timing.clock_error * (since_s - share * (warm_s + tau_s * (-warm_s / tau_s).exp_m1()))
-    } else {
-        timing.clock_error * since_s
-    };
-    let late_s = match timing.jitter {
-        None => 0.0,
-        Some(Jitter::Uniform { half_s }) => half_s * (2.0 * rng.random::<f64>() - 1.0),
-        Some(Jitter::Gaussian { rms_s }) => rms_s * normal(rng),
-        Some(Jitter::RareLate { one_in, mean_s }) => {
-            let (chance, size) = (rng.random::<f64>(), rng.random::<f64>());
-            if chance * one_in < 1.0 { -mean_s * (1.0 - size).ln() } else { 0.0 }
-        }
-        Some(Jitter::Wandering { rms_s, rows }) => {
-            let keep = (-1.0 / rows).exp();
-            *wander = keep * *wander + (1.0 - keep * keep).sqrt() * normal(rng);
-            rms_s * *wander
-        }
-        Some(Jitter::TwoTimes { s }) => {
-            if rng.random::<bool>() {
-                s
-            } else {
-                -s
+/// When rows are sampled.
+struct Sampler<'a> {
+    timing: &'a Timing,
+    n_before: usize,
+    period_s: f64,
+    /// Memory of a jitter that has one.
+    wander: f64,
+    /// The row before.
+    last_s: f64,
+}
+
+impl Sampler<'_> {
+    /// True time of a row's sampling since the start of the history; rows are asked for in order.
+    fn time(&mut self, row: usize, rng: &mut Pcg64) -> f64 {
+        let (timing, period_s) = (self.timing, self.period_s);
+        let since_s = (row as f64 - self.n_before as f64) * period_s;
+        let slip_s = if timing.clock_swing_s > 0.0 {
+            let w = TAU / timing.clock_swing_s;
+            timing.clock_error * (1.0 - (w * since_s).cos()) / w
+        } else if timing.clock_sync_s > 0.0 {
+            // In step up to row 0, so that no slip of the history is put right in the log.
+            timing.clock_error * since_s.max(0.0).rem_euclid(timing.clock_sync_s)
+        } else if let Some((share, tau_s)) = timing.clock_settling {
+            let warm_s = since_s.max(0.0);
+            timing.clock_error * (since_s - share * (warm_s + tau_s * (-warm_s / tau_s).exp_m1()))
+        } else {
+            timing.clock_error * since_s
+        };
+        let late_s = match timing.jitter {
+            None => 0.0,
+            Some(Jitter::Uniform { half_s }) => half_s * (2.0 * rng.random::<f64>() - 1.0),
+            Some(Jitter::Gaussian { rms_s }) => rms_s * normal(rng),
+            Some(Jitter::RareLate { one_in, mean_s }) => {
+                let (chance, size) = (rng.random::<f64>(), rng.random::<f64>());
+                if chance * one_in < 1.0 { -mean_s * (1.0 - size).ln() } else { 0.0 }
             }
+            Some(Jitter::Wandering { rms_s, rows }) => {
+                let keep = (-1.0 / rows).exp();
+                self.wander = keep * self.wander + (1.0 - keep * keep).sqrt() * normal(rng);
+                rms_s * self.wander
+            }
+            Some(Jitter::TwoTimes { s }) => {
+                if rng.random::<bool>() {
+                    s
+                } else {
+                    -s
+                }
+            }
+        };
+        // Rows stay in order, and nothing is sampled before the start.
+        let most_s = JITTER_ROWS * period_s;
+        let jitter_s = late_s.clamp(-most_s, most_s);
+        let mut at_s = (row as f64 * period_s + slip_s + jitter_s - timing.measure_delay_s).max(0.0);
+        if timing.clock_sync_s > 0.0 {
+            // A clock that is late by rows cannot be put right at once: it catches up, a tenth of a row from row to row.
+            at_s = at_s.max(self.last_s + 0.1 * period_s);
         }
-    };
-    // Rows stay in order, and nothing is sampled before the start.
-    let jitter_s = late_s.clamp(-0.45 * period_s, 0.45 * period_s);
-    (row as f64 * period_s + slip_s + jitter_s - timing.measure_delay_s).max(0.0)
+        self.last_s = at_s;
+        at_s
+    }
 }
 
 /// Commands before row 0.
@@ -422,11 +443,16 @@ impl<'a> Board<'a> {
             Source::Open(_) => None,
             Source::Closed(reference_m, _) => Some(reference_m.iter().map(|r| r * 1e6).collect()),
         };
+        // A loop decides row by row, see `sampled`.
+        let command_v = match session.source {
+            Source::Open(command_v) => command_v.iter().copied().map(as_logged).collect(),
+            Source::Closed(..) => Vec::with_capacity(n_rows),
+        };
         let record = Record {
             name: String::new(),
             rate_hz: session.rate_hz,
             latency_us: LATENCY_US,
-            command_v: Vec::with_capacity(n_rows),
+            command_v,
             displacement_um: Vec::with_capacity(n_rows),
             reference_um,
             drive_v: session.monitor.then(|| Vec::with_capacity(n_rows)),
@@ -449,31 +475,24 @@ impl<'a> Board<'a> {
 
     fn edge_time(&self, row: usize) -> f64 {
         // Edges stay in order.
-        let turn_s = self.timing.edge_turns_s.min(0.4 * self.period_s);
+        let turn_s = self.timing.edge_turns_s.min(TURN_ROWS * self.period_s);
         let way = if row % 2 == 1 { 1.0 } else { -1.0 };
         row as f64 * self.period_s + self.offset_s + way * turn_s
     }
 
-    /// Decides and logs the command of a row, and returns what reaches the amplifier.
-    fn command(&mut self, row: usize, latest_m: f64, rng: &mut Pcg64) -> f64 {
+    /// Whether a row's edge may come: a loop whose rows are later than their edges has nothing to send yet.
+    fn is_decided(&self, row: usize) -> bool {
+        matches!(self.session.source, Source::Open(_)) || row < self.before_v.len() + self.record.command_v.len()
+    }
+
+    /// Sends a row's command, and returns what reaches the amplifier.
+    fn command(&mut self, row: usize, rng: &mut Pcg64) -> f64 {
         let wanted_v = match row.checked_sub(self.before_v.len()) {
             None => self.before_v[row],
-            Some(k) => {
-                let command_v = match self.session.source {
-                    Source::Open(command_v) => match command_v.get(k) {
-                        Some(v) => *v,
-                        None => return self.applied_v,
-                    },
-                    Source::Closed(reference_m, law) => match reference_m.get(k) {
-                        Some(r) => self.close(*r, latest_m, &law),
-                        None => return self.applied_v,
-                    },
-                };
-                // What is logged has the digits of the file: a replay plays the same command.
-                let command_v = (command_v * 1e6).round() * 1e-6;
-                self.record.command_v.push(command_v);
-                command_v
-            }
+            Some(k) => match self.record.command_v.get(k) {
+                Some(command_v) => *command_v,
+                None => return self.applied_v,
+            },
         };
         if self.lost_rows > 0 {
             self.lost_rows -= 1;
@@ -501,8 +520,8 @@ impl<'a> Board<'a> {
         applied_v
     }
 
-    fn close(&mut self, reference_m: f64, latest_m: f64, law: &Loop) -> f64 {
-        let error_m = reference_m - latest_m;
+    fn close(&mut self, reference_m: f64, reading_m: f64, law: &Loop) -> f64 {
+        let error_m = reference_m - reading_m;
         let integral_v = self.integral_v + law.ki_v_per_m_s * self.period_s * error_m;
         let wish_v = law.feedforward_v_per_m * reference_m + law.kp_v_per_m * error_m + integral_v;
         let command_v = wish_v.clamp(-law.limit_v, law.limit_v);
@@ -512,14 +531,23 @@ impl<'a> Board<'a> {
         command_v
     }
 
+    /// Logs a row. A loop decides the row's command from this very reading; it waits in the record for its edge.
     fn sampled(&mut self, row: usize, reading_m: f64, drive_v: f64) {
-        if row >= self.before_v.len() {
-            self.record.displacement_um.push(reading_m * 1e6);
-            if let Some(column) = &mut self.record.drive_v {
-                column.push(drive_v);
-            }
+        let Some(k) = row.checked_sub(self.before_v.len()) else { return };
+        self.record.displacement_um.push(reading_m * 1e6);
+        if let Some(column) = &mut self.record.drive_v {
+            column.push(drive_v);
+        }
+        if let Source::Closed(reference_m, law) = self.session.source {
+            let command_v = self.close(reference_m[k], reading_m, &law);
+            self.record.command_v.push(as_logged(command_v));
         }
     }
+}
+
+/// A command with the digits of the file: a replay plays the same.
+fn as_logged(command_v: f64) -> f64 {
+    (command_v * 1e6).round() * 1e-6
 }
 
 /// The chain from the sampled motion to the logged number.
@@ -527,7 +555,6 @@ struct Reader {
     measures: Vec<Memory>,
     digitises: Vec<Memory>,
     noise_state: f64,
-    latest_m: f64,
 }
 
 impl Reader {
@@ -536,7 +563,6 @@ impl Reader {
             measures: bench.measures.iter().map(|part| part.begin(period_s, rng)).collect(),
             digitises: vec![[0.0; 32]; bench.digitises.len()],
             noise_state: 0.0,
-            latest_m: 0.0,
         }
     }
 
@@ -549,7 +575,6 @@ impl Reader {
         for (part, memory) in bench.digitises.iter().zip(&mut self.digitises) {
             x = part.read(memory, x, row, &mut chance.parts);
         }
-        self.latest_m = x;
         x
     }
 }
@@ -643,7 +668,8 @@ impl Motion {
                 let power = (v * (v - self.warmed_v)).abs() / (h * 2.0 * 100.0 * 60.0 * 60.0);
                 self.warmed_v = v;
                 self.warmth += (power - self.warmth) * (h / tau_s);
-                1.0 + share * self.warmth
+                // However warm, a dead zone stays one: none is negative.
+                (1.0 + share * self.warmth).max(0.05)
             }
         };
         for (hysteron, v) in self.prepared.iter().zip(&mut self.v) {
