@@ -108,7 +108,8 @@ pub fn make(request: &Request) -> Case {
             parameters.push((format!("{short}.aimed_gap_over_noise"), target));
         }
         parameters.push((format!("{short}.{}", planted.amplitude), amplitude));
-        parameters.extend(planted.parameters.iter().map(|(key, value)| (format!("{short}.{key}"), *value)));
+        let stated = planted.stated(amplitude, 1.0 / plans[0].rate_hz);
+        parameters.extend(stated.into_iter().map(|(key, value)| (format!("{short}.{key}"), value)));
     }
 
     let play = |plans: &[Plan], salt: u64| -> Vec<Record> {

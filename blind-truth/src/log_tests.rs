@@ -4,6 +4,8 @@
 use crate::bench::{Bench, History, Jitter, Loop, Motion, STEP_S, Session, Source, Timing, record};
 use crate::digitise::Noise;
 use crate::drive::Drive;
+use crate::effects::EffectId;
+use crate::forms::{self, Planted};
 use crate::nominal::{bench, nominal};
 use crate::record::Record;
 use crate::sensor::Follow;
@@ -113,4 +115,46 @@ fn no_heat_takes_a_dead_zone_away() {
     motion.step(&hot, 0.0, 0.0, STEP_S);
     // A twentieth of the slow half zone is 0.22 V: nothing leaks from within.
     assert!((motion.v[1] - 0.1).abs() < 1e-6, "{} V", motion.v[1]);
+}
+
+/// A form of an effect by the start of its name, its shape drawn.
+fn planted(effect: EffectId, name: &str) -> Planted {
+    let form = forms::all().find(|form| form.effect == effect && form.name.starts_with(name)).unwrap();
+    (form.draw)(&mut Pcg64::seed_from_u64(5))
+}
+
+#[test]
+fn the_truth_states_what_the_bench_installs() {
+    let stated = |form: &Planted, a: f64, key: &str| {
+        form.stated(a, 1.0 / RATE_HZ).into_iter().find(|(name, _)| *name == key).unwrap().1
+    };
+    let turns = planted(EffectId::TransportDelay, "of the command, by turns");
+    let share = |a: f64| stated(&turns, a, "longer_and_shorter_by");
+    // 0.4 of a row is 20 us.
+    assert!((share(4e-4) * 4e-4 - 2e-5).abs() < 1e-12 && share(1e-5) > share(4e-4));
+    // With the share that was drawn the bench does what it does with the stated one.
+    let play_with = |edge_turns_s: f64| {
+        let timing = Timing { command_delay_s: 4e-4, edge_turns_s, ..Timing::default() };
+        let ramp: Vec<f64> = (0..200).map(|k| 0.1 * f64::from(k)).collect();
+        play(&with(timing), Source::Open(&ramp)).displacement_um
+    };
+    assert_eq!(play_with(share(1e-5) * 4e-4), play_with(share(4e-4) * 4e-4));
+    for name in ["Gaussian", "some rows late", "wandering"] {
+        assert_eq!(stated(&planted(EffectId::SamplingJitter, name), 1e-5, "cut_at_s"), 0.45 / RATE_HZ, "{name}");
+    }
+}
+
+#[test]
+fn a_shelf_has_its_error_at_rest_and_less_of_it_above_the_corner() {
+    let shelf = planted(EffectId::AmplifierGain, "shelf");
+    let number = |key: &str| shelf.parameters.iter().find(|(name, _)| *name == key).unwrap().1;
+    let mut bench = with(Timing::default());
+    (shelf.apply)(0.1, &mut bench);
+    let part = &bench.drives[0];
+    let mut memory = part.begin(STEP_S, 0.0, &mut Pcg64::seed_from_u64(5));
+    let at_once = part.step(&mut memory, 1.0, STEP_S) - 1.0;
+    let settled = (0..200_000).map(|_| part.step(&mut memory, 1.0, STEP_S)).last().unwrap() - 1.0;
+    assert!((settled - number("sign") * 0.1).abs() < 1e-9, "{settled}");
+    // The corner is at 500 Hz at the most: half a step of it is 0.2 %.
+    assert!((at_once / settled - (1.0 - number("loss"))).abs() < 2e-3, "{at_once} of {settled}");
 }

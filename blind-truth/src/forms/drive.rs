@@ -60,7 +60,7 @@ fn gain(rng: &mut Pcg64) -> Planted {
 fn shelf(rng: &mut Pcg64) -> Planted {
     let (sign, loss, corner_hz) = (sign(rng), rng.random_range(0.2..0.6), log_uniform(rng, 20.0, 500.0));
     Planted::new("gain_error", (0.001, 0.15), move |a, bench| {
-        bench.drives.push(Drive::Shelf { gain: 1.0 + sign * a, loss: -loss, corner_s: 1.0 / (TAU * corner_hz) });
+        bench.drives.push(Drive::Shelf { gain: 1.0 + sign * a, loss, corner_s: 1.0 / (TAU * corner_hz) });
     })
     .with("sign", sign)
     .with("loss", loss)

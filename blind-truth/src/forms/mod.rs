@@ -48,6 +48,9 @@ pub struct Form {
     pub(crate) draw: fn(&mut Pcg64) -> Planted,
 }
 
+/// A number that the bench sets a bound to, from the amplitude and the rows' period in seconds.
+type Installed = Box<dyn Fn(f64, f64) -> f64 + Send + Sync>;
+
 /// How an amplitude changes a bench.
 type Apply = Box<dyn Fn(f64, &mut Bench) + Send + Sync>;
 
@@ -55,6 +58,8 @@ type Apply = Box<dyn Fn(f64, &mut Bench) + Send + Sync>;
 pub struct Planted {
     /// Shape parameters for `truth`: name with unit, value.
     pub(crate) parameters: Vec<(&'static str, f64)>,
+    /// More of them, that hang on what the bench makes of the amplitude: the truth states what is installed.
+    pub(crate) installed: Vec<(&'static str, Installed)>,
     /// Name of the amplitude, with unit. A larger amplitude makes a larger gap.
     pub(crate) amplitude: &'static str,
     /// What is physically sane.
@@ -74,12 +79,34 @@ impl Planted {
         bounds: (f64, f64),
         apply: impl Fn(f64, &mut Bench) + Send + Sync + 'static,
     ) -> Self {
-        Self { parameters: Vec::new(), amplitude, bounds, band: Some(BAND), apply: Box::new(apply) }
+        Self {
+            parameters: Vec::new(),
+            installed: Vec::new(),
+            amplitude,
+            bounds,
+            band: Some(BAND),
+            apply: Box::new(apply),
+        }
     }
 
     pub(crate) fn with(mut self, name: &'static str, value: f64) -> Self {
         self.parameters.push((name, value));
         self
+    }
+
+    pub(crate) fn installed(
+        mut self,
+        name: &'static str,
+        value: impl Fn(f64, f64) -> f64 + Send + Sync + 'static,
+    ) -> Self {
+        self.installed.push((name, Box::new(value)));
+        self
+    }
+
+    /// Every parameter for `truth` at this amplitude and period of the rows.
+    pub(crate) fn stated(&self, amplitude: f64, period_s: f64) -> Vec<(&'static str, f64)> {
+        let installed = self.installed.iter().map(|(name, value)| (*name, value(amplitude, period_s)));
+        self.parameters.iter().copied().chain(installed).collect()
     }
 
     pub(crate) fn band(mut self, low: f64, high: f64) -> Self {

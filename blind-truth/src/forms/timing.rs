@@ -1,7 +1,7 @@
 //! Forms of the errors in time and of the link.
 
 use super::{C, CR, D, DC, DCR, Form, Planted, R, log_uniform, sign};
-use crate::bench::{BadLink, Jitter};
+use crate::bench::{BadLink, JITTER_ROWS, Jitter, TURN_ROWS};
 use crate::digitise::Digitise;
 use crate::drive::Drive;
 use crate::effects::EffectId::*;
@@ -60,6 +60,11 @@ fn delay_all_pass(_: &mut Pcg64) -> Planted {
 /// Jitter adds in rms over moving rows only, and more than a third of a row is no jitter.
 const JITTER: (f64, f64) = (3.0, 15.0);
 
+/// Where the bench cuts a jitter's tails, lest rows change places.
+fn cut_at_s(_: f64, period_s: f64) -> f64 {
+    JITTER_ROWS * period_s
+}
+
 fn jitter_uniform(_: &mut Pcg64) -> Planted {
     Planted::new("half_width_s", (5e-7, 2e-5), |a, bench| {
         bench.timing.jitter = Some(Jitter::Uniform { half_s: a });
@@ -69,6 +74,7 @@ fn jitter_uniform(_: &mut Pcg64) -> Planted {
 
 fn jitter_gaussian(_: &mut Pcg64) -> Planted {
     Planted::new("rms_s", (3e-7, 1e-5), |a, bench| bench.timing.jitter = Some(Jitter::Gaussian { rms_s: a }))
+        .installed("cut_at_s", cut_at_s)
         .band(JITTER.0, JITTER.1)
 }
 
@@ -78,6 +84,7 @@ fn jitter_late(rng: &mut Pcg64) -> Planted {
         bench.timing.jitter = Some(Jitter::RareLate { one_in, mean_s: a });
     })
     .with("one_in", one_in)
+    .installed("cut_at_s", cut_at_s)
     .band(JITTER.0, JITTER.1)
 }
 
@@ -188,7 +195,7 @@ fn delay_by_turns(rng: &mut Pcg64) -> Planted {
         bench.timing.command_delay_s = a;
         bench.timing.edge_turns_s = share * a;
     })
-    .with("longer_and_shorter_by", share)
+    .installed("longer_and_shorter_by", move |a, period_s| share.min(TURN_ROWS * period_s / a))
 }
 
 fn jitter_wandering(rng: &mut Pcg64) -> Planted {
@@ -197,6 +204,7 @@ fn jitter_wandering(rng: &mut Pcg64) -> Planted {
         bench.timing.jitter = Some(Jitter::Wandering { rms_s: a, rows });
     })
     .with("rows", rows)
+    .installed("cut_at_s", cut_at_s)
     .band(JITTER.0, JITTER.1)
 }
 
