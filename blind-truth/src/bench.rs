@@ -11,7 +11,7 @@
 //! Drive parts work with the mean voltage of each kick interval, so edges may fall anywhere.
 
 use crate::digitise::{Digitise, Noise};
-use crate::drive::{Drive, Memory};
+use crate::drive::{Drive, DrivePlace, Memory};
 use crate::hysteron::{Hysteron, Prepared};
 use crate::record::Record;
 use crate::sensor::{Follow, Measure, Row, normal};
@@ -67,6 +67,16 @@ pub struct Bench {
     pub(crate) history: History,
     /// What disturbs row 0.
     pub(crate) start: Start,
+}
+
+impl Bench {
+    /// Puts the parts in the order of the signal, whatever they were planted in. Those of one place keep theirs.
+    pub(crate) fn put_in_order(&mut self) {
+        self.drives.sort_by_key(Drive::place);
+        self.follows.sort_by_key(Follow::place);
+        self.measures.sort_by_key(Measure::place);
+        self.digitises.sort_by_key(Digitise::place);
+    }
 }
 
 /// Errors in time and of the link.
@@ -258,11 +268,11 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
         // Mean drive over the kick's interval; an edge inside splits it, for drive parts need not be linear.
         let end = t + 0.5 * h;
         let mut from = t - 0.5 * h;
-        let mut mean_v = 0.0;
+        let mut mean_v = Volts::default();
         while next_edge_s < end && board.is_decided(n_edges) {
             let part_s = next_edge_s - from;
             if part_s > 1e-12 {
-                mean_v += motion.drive(bench, held_v, part_s) * part_s / h;
+                mean_v = mean_v.plus(motion.drive(bench, held_v, part_s), part_s, h);
                 from = next_edge_s;
             }
             held_v = board.command(n_edges, &mut chance.timing);
@@ -272,9 +282,9 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
         mean_v = if from == t - 0.5 * h {
             motion.drive(bench, held_v, h)
         } else {
-            mean_v + motion.drive(bench, held_v, end - from) * (end - from) / h
+            mean_v.plus(motion.drive(bench, held_v, end - from), end - from, h)
         };
-        let y = motion.step(bench, mean_v, t - t_zero, h);
+        let y = motion.step(bench, mean_v.force_v, t - t_zero, h);
         if starts {
             // Row 0 shows the state that the log starts from, not the one before.
             y_before = y;
@@ -288,7 +298,7 @@ pub(crate) fn record(bench: &Bench, session: &Session) -> Record {
             let at = y + (y_before - y) * share;
             let row = Row { t_s: (n_sampled as f64 - n_before as f64) * period_s, period_s };
             let reading_m = reader.read(bench, at, &row, &mut chance);
-            board.sampled(n_sampled, reading_m, motion.drive_v);
+            board.sampled(n_sampled, reading_m, mean_v.monitor_v);
             n_sampled += 1;
             next_sample_s = sampler.time(n_sampled, &mut chance.timing);
         }
@@ -579,6 +589,25 @@ impl Reader {
     }
 }
 
+/// Mean voltages over an interval.
+#[derive(Clone, Copy, Default)]
+struct Volts {
+    /// On the amplifier's output.
+    monitor_v: f64,
+    /// Behind the whole drive chain: what pushes.
+    force_v: f64,
+}
+
+impl Volts {
+    /// With those of another part of a step, which is `h_s` long.
+    fn plus(self, other: Self, part_s: f64, h_s: f64) -> Self {
+        Self {
+            monitor_v: self.monitor_v + other.monitor_v * part_s / h_s,
+            force_v: self.force_v + other.force_v * part_s / h_s,
+        }
+    }
+}
+
 /// State of everything that moves.
 #[derive(Clone)]
 pub(crate) struct Motion {
@@ -591,9 +620,9 @@ pub(crate) struct Motion {
     prepared: Vec<Prepared>,
     /// 1 / (M + h b / 2) and (M - h b / 2) times that.
     kick: (f64, f64),
-    /// Voltage behind the drive chain.
-    pub(crate) drive_v: f64,
     drives: Vec<Memory>,
+    /// How many of them stand before the amplifier's monitor.
+    n_monitored: usize,
     pub(crate) forces: Vec<Memory>,
     follows: Vec<Memory>,
     needs_corrector: bool,
@@ -614,8 +643,8 @@ impl Motion {
             q_m: 0.0,
             w_m_per_s: 0.0,
             v: vec![0.0; bench.hysterons.len()],
-            drive_v: 0.0,
             drives,
+            n_monitored: bench.drives.partition_point(|part| part.place() <= DrivePlace::Output),
             forces: phases.collect(),
             follows: bench.follows.iter().map(|part| part.begin(h_s, before_s)).collect(),
             needs_corrector: bench.forces.iter().any(Force::feels_velocity),
@@ -633,18 +662,20 @@ impl Motion {
 
     /// Carries the drive chain through `part_s` at a constant command and returns its mean output.
     #[inline]
-    fn drive(&mut self, bench: &Bench, command_v: f64, part_s: f64) -> f64 {
-        let mut v = command_v;
-        for (part, memory) in bench.drives.iter().zip(&mut self.drives) {
-            v = part.step(memory, v, part_s);
+    fn drive(&mut self, bench: &Bench, command_v: f64, part_s: f64) -> Volts {
+        let mut volts = Volts { monitor_v: command_v, force_v: command_v };
+        for (at, (part, memory)) in bench.drives.iter().zip(&mut self.drives).enumerate() {
+            volts.force_v = part.step(memory, volts.force_v, part_s);
+            if at < self.n_monitored {
+                volts.monitor_v = volts.force_v;
+            }
         }
-        v
+        volts
     }
 
     /// One kick with the mean voltage `v` and one drift; returns what the sensor's head sees at the end of it.
     #[inline]
     pub(crate) fn step(&mut self, bench: &Bench, v: f64, t_s: f64, h: f64) -> f64 {
-        self.drive_v = v;
         let alpha = bench.transduction_c_per_m;
         let actuator_n = alpha * (v - self.v.iter().sum::<f64>());
         let steady = actuator_n - bench.stiffness_n_per_m * self.q_m;

@@ -111,6 +111,7 @@ pub fn make(request: &Request) -> Case {
         let stated = planted.stated(amplitude, 1.0 / plans[0].rate_hz);
         parameters.extend(stated.into_iter().map(|(key, value)| (format!("{short}.{key}"), value)));
     }
+    bench.put_in_order();
 
     let play = |plans: &[Plan], salt: u64| -> Vec<Record> {
         let numbered: Vec<(usize, &Plan)> = plans.iter().enumerate().collect();

@@ -69,7 +69,53 @@ pub(crate) enum Digitise {
     Replayed { probability: f64, rows: u32 },
 }
 
+/// Where a part that acts after the noise stands, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum DigitisePlace {
+    /// Noise, which the converter sees.
+    Noise,
+    /// The converter.
+    Converter,
+    /// The link, which loses what was converted.
+    Link,
+}
+
 impl Digitise {
+    /// Where the part stands, whatever it was planted with.
+    pub(crate) fn place(&self) -> DigitisePlace {
+        match self {
+            Digitise::White { .. }
+            | Digitise::Coloured { .. }
+            | Digitise::Flicker { .. }
+            | Digitise::Bursts { .. }
+            | Digitise::Band { .. }
+            | Digitise::Shaped { .. }
+            | Digitise::Spikes { .. }
+            | Digitise::Popcorn { .. }
+            | Digitise::HeavyTails { .. }
+            | Digitise::Lamp { .. }
+            | Digitise::Crackle { .. }
+            | Digitise::Held { .. }
+            | Digitise::Warming { .. } => DigitisePlace::Noise,
+            Digitise::Lattice { .. }
+            | Digitise::Truncation { .. }
+            | Digitise::UnevenCodes { .. }
+            | Digitise::HeldCodes { .. }
+            | Digitise::Floating { .. }
+            | Digitise::MissingCodes { .. }
+            | Digitise::Dithered { .. } => DigitisePlace::Converter,
+            Digitise::Filled { .. }
+            | Digitise::Stale { .. }
+            | Digitise::OutOfStep { .. }
+            | Digitise::Repeat { .. }
+            | Digitise::Burst { .. }
+            | Digitise::CarriedOn { .. }
+            | Digitise::Regular { .. }
+            | Digitise::Thinned { .. }
+            | Digitise::Replayed { .. } => DigitisePlace::Link,
+        }
+    }
+
     /// Reading in metres, given the noisy one.
     pub(crate) fn read(&self, m: &mut Memory, x: f64, row: &Row, rng: &mut Pcg64) -> f64 {
         match self {

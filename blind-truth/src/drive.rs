@@ -173,7 +173,80 @@ pub(crate) fn second_order(x: &mut f64, rate: &mut f64, u: f64, w: f64, z: f64, 
     x_mid
 }
 
+/// Where a part stands between command and force, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum DrivePlace {
+    /// On the command's way to the amplifier.
+    Command,
+    /// The amplifier.
+    Amplifier,
+    /// On its output, which the monitor shows.
+    Output,
+    /// The ceramic.
+    Ceramic,
+}
+
 impl Drive {
+    /// Where the part stands, whatever it was planted with.
+    pub(crate) fn place(&self) -> DrivePlace {
+        match self {
+            Drive::AllPass { .. } => DrivePlace::Command,
+            Drive::Gain(_)
+            | Drive::Shelf { .. }
+            | Drive::Lag { .. }
+            | Drive::SecondOrder { .. }
+            | Drive::LimitedLag { .. }
+            | Drive::Slew { .. }
+            | Drive::SoftSlew { .. }
+            | Drive::Clip { .. }
+            | Drive::SoftClip { .. }
+            | Drive::TanhClip { .. }
+            | Drive::Rapp { .. }
+            | Drive::Knee { .. }
+            | Drive::RoundClip { .. }
+            | Drive::SaggingClip { .. }
+            | Drive::RippledClip { .. }
+            | Drive::LateClip { .. }
+            | Drive::GainBySign { .. }
+            | Drive::VoltageCoefficient { .. }
+            | Drive::Overlap { .. }
+            | Drive::UpperRails { .. }
+            | Drive::RippledGain { .. }
+            | Drive::SettlingGain { .. }
+            | Drive::FlickeringGain { .. }
+            | Drive::LeadLag { .. }
+            | Drive::LagByDirection { .. }
+            | Drive::GrowingLag { .. }
+            | Drive::HurriedLag { .. }
+            | Drive::CrossoverLag { .. }
+            | Drive::SlewByLevel { .. }
+            | Drive::SlewByCharge { .. }
+            | Drive::SlewByError { .. }
+            | Drive::SlewReserve { .. } => DrivePlace::Amplifier,
+            Drive::Hum { .. } => DrivePlace::Output,
+            Drive::Even { .. }
+            | Drive::TanhEnvelope { .. }
+            | Drive::SkewedStop { .. }
+            | Drive::OneSided { .. }
+            | Drive::Butterfly { .. }
+            | Drive::BentPlay { .. }
+            | Drive::OneSidedLoop { .. }
+            | Drive::SkewedDuhem { .. }
+            | Drive::BoucWen { .. }
+            | Drive::RatePlay { .. }
+            | Drive::Plays { .. }
+            | Drive::Relays { .. }
+            | Drive::TimeWarming { .. }
+            | Drive::PowerWarming { .. }
+            | Drive::LeakWarming { .. }
+            | Drive::RoomSwing { .. }
+            | Drive::LateWarming { .. }
+            | Drive::WarmingFrom { .. }
+            | Drive::Ageing { .. }
+            | Drive::Creep(_) => DrivePlace::Ceramic,
+        }
+    }
+
     /// Memory at rest, with step-dependent constants filled in; phases and dwells that differ per log are drawn here.
     ///
     /// `before_s` is the length of the history: what is a function of time starts with row 0, which is when the log's

@@ -55,7 +55,42 @@ pub(crate) enum Follow {
     Stiction { break_m: f64 },
 }
 
+/// Where a part that follows the motion stands, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum FollowPlace {
+    /// Between the mass and what the sensor looks at.
+    Structure,
+    /// The sensor's head and its filter.
+    Sensor,
+}
+
 impl Follow {
+    /// Where the part stands, whatever it was planted with.
+    pub(crate) fn place(&self) -> FollowPlace {
+        match self {
+            Follow::Play { .. }
+            | Follow::SoftPlay { .. }
+            | Follow::WornPlay { .. }
+            | Follow::RoughPlay { .. }
+            | Follow::LostMotion { .. }
+            | Follow::DriveMode { .. }
+            | Follow::ArmMode { .. }
+            | Follow::DraggedMode { .. }
+            | Follow::HardeningMode { .. }
+            | Follow::JointMode { .. }
+            | Follow::LooseMode { .. }
+            | Follow::LeaningPlay { .. }
+            | Follow::Rattle { .. } => FollowPlace::Structure,
+            Follow::Lag { .. }
+            | Follow::LeadLag { .. }
+            | Follow::SecondOrder { .. }
+            | Follow::TwoLags { .. }
+            | Follow::LagByStroke { .. }
+            | Follow::PeakDetector { .. }
+            | Follow::Stiction { .. } => FollowPlace::Sensor,
+        }
+    }
+
     /// Memory at rest at zero; `before_s` is the length of the history, for what is a function of time from row 0 on.
     pub(crate) fn begin(&self, h_s: f64, before_s: f64) -> Memory {
         let mut memory = [0.0; 32];
@@ -315,7 +350,66 @@ pub(crate) struct Row {
     pub period_s: f64,
 }
 
+/// Where a part that acts on a row stands, in the order of the signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum MeasurePlace {
+    /// Motion: the sensor's errors are no part of what it is made from.
+    Motion,
+    /// The sensor.
+    Sensor,
+    /// What its cable picks up.
+    Cable,
+    /// The rows' own filter.
+    Rows,
+}
+
 impl Measure {
+    /// Where the part stands, whatever it was planted with.
+    pub(crate) fn place(&self) -> MeasurePlace {
+        match self {
+            Measure::Creep(_)
+            | Measure::SquareCreep(_)
+            | Measure::SidedCreep { .. }
+            | Measure::SlowReturn { .. }
+            | Measure::CrossAxis { .. } => MeasurePlace::Motion,
+            Measure::Gain(_)
+            | Measure::GainPerLog { .. }
+            | Measure::Offset(_)
+            | Measure::SettlingGain { .. }
+            | Measure::GainBySign { .. }
+            | Measure::BreathingGain { .. }
+            | Measure::SteppedGain { .. }
+            | Measure::ControlledGain { .. }
+            | Measure::OffsetPerLog { .. }
+            | Measure::Chatter { .. }
+            | Measure::Polynomial { .. }
+            | Measure::HighPolynomial { .. }
+            | Measure::Table { .. }
+            | Measure::Kink { .. }
+            | Measure::Flaw { .. }
+            | Measure::Compression { .. }
+            | Measure::Ripple { .. }
+            | Measure::Carries { .. }
+            | Measure::Hollow { .. }
+            | Measure::LinearDrift { .. }
+            | Measure::ThermalDrift { .. }
+            | Measure::RootDrift { .. }
+            | Measure::SwingDrift { .. }
+            | Measure::Slip { .. }
+            | Measure::LogDrift { .. }
+            | Measure::LateDrift { .. }
+            | Measure::DriftFrom { .. }
+            | Measure::Jerks { .. }
+            | Measure::Thermostat { .. }
+            | Measure::RandomWalk { .. }
+            | Measure::Multiplicative { .. } => MeasurePlace::Sensor,
+            Measure::Hum { .. } | Measure::LooseHum { .. } | Measure::SwellingHum { .. } | Measure::CutHum { .. } => {
+                MeasurePlace::Cable
+            }
+            Measure::Smoothing { .. } => MeasurePlace::Rows,
+        }
+    }
+
     /// Memory at the start; phases and offsets that differ per log are drawn here.
     pub(crate) fn begin(&self, period_s: f64, rng: &mut Pcg64) -> Memory {
         let mut memory = [0.0; 32];
