@@ -190,7 +190,10 @@ pub enum Subject {
 }
 
 /// Which cases may be looked at when: the diagnosis is written on `Develop`, its thresholds are set on `Calibrate`, and
-/// what is claimed is measured on `Report`, whose forms the others do not show.
+/// what is claimed is measured on `Report`.
+///
+/// For 30 of the 31 effects `Report` has a form that no other split shows, for 14 of them nothing but such; 18 of its 60
+/// forms another split shows too. The foreign kinds have one form each, the same in every split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Split {
     /// Textbook forms, relaxed starts, the log set of design.md.

@@ -136,6 +136,7 @@ fn forms_differ_between_splits() {
         let fits = table.iter().filter(|form| form.effect == effect && form.splits.contains(&split));
         fits.map(|form| form.name).collect()
     };
+    let (mut with_own, mut own_only, mut n_report, mut n_shared) = (0, 0, 0, 0);
     for effect in EffectId::all() {
         let names: Vec<_> = table.iter().filter(|form| form.effect == effect).map(|form| form.name).collect();
         assert_eq!(names.len(), names.iter().collect::<BTreeSet<_>>().len(), "{} has a name twice", effect.id());
@@ -144,7 +145,26 @@ fn forms_differ_between_splits() {
         assert!(!develop.is_empty() && !calibrate.is_empty() && !report.is_empty(), "{}", effect.id());
         assert!(report.iter().any(|name| !develop.contains(name)), "{} reports nothing new", effect.id());
         assert_ne!(calibrate, report, "{}", effect.id());
+        let shared = report.iter().filter(|name| develop.contains(*name) || calibrate.contains(*name)).count();
+        with_own += usize::from(shared < report.len());
+        own_only += usize::from(shared == 0);
+        n_report += report.len();
+        n_shared += shared;
     }
+    // What the documentation of `Split` says.
+    assert_eq!((EffectId::all().count(), with_own, own_only), (31, 30, 14));
+    assert_eq!((n_report, n_shared), (60, 18));
+}
+
+#[test]
+fn a_foreign_kind_has_one_form_in_every_split() {
+    let kind = ForeignKind::MultiplicativeNoise;
+    let told = SPLITS.map(|split| {
+        let truth = short(12, Subject::Foreign(kind), split).truth;
+        let names: Vec<String> = truth.parameters.into_iter().map(|(name, _)| name).collect();
+        (truth.form, names)
+    });
+    assert!(told.iter().all(|one| one == &told[0] && one.0 == format!("foreign: {}", kind.id())), "{told:?}");
 }
 
 #[test]
