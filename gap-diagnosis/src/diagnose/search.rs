@@ -471,8 +471,7 @@ impl Search<'_> {
         let mut stages = STAGES;
         stages[STAGES.len() - 1] = repeats;
         let other = self.descend(&candidate.hypothesis, z, &stages);
-        let weights = self.independent_weights(&candidate);
-        let total = |c: &Candidate| c.found.normal.cost(&weights) + c.found.prior_cost;
+        let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
         if total(&other) < total(&candidate) { other } else { candidate }
     }
 
