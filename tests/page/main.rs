@@ -392,7 +392,7 @@ fn a_full_disk_ends_the_recording_in_one_line_and_stops_the_board() {
     for button in ["control", "record", "arm", "run"] {
         page.click(button);
     }
-    page.wait("document.getElementById('events').textContent.includes('log.csv: cannot be written')", 20);
+    page.wait("document.getElementById('events').textContent.includes('log.csv: no row can be added')", 20);
     page.wait(&format!("{MODE} === 'idle'"), 10);
     let log = folder.read("runs/run/log.csv");
     assert!(log.len() > 30_000 && log.ends_with('\n'), "{}", log.len());
