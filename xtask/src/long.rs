@@ -76,7 +76,7 @@ fn tests(project: &Project) -> Result<Outcome> {
     let cases = std::env::var("PROPTEST_CASES").unwrap_or_else(|_| PROPTEST_CASES.to_owned());
     let mut command = project.cargo();
     command.env("HYSTERON_LONG", "1").env("PROPTEST_CASES", cases);
-    run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast"]))
+    run_tests(command.args(["test", "--release", "--workspace", "--locked", "--no-fail-fast", "--", "--show-output"]))
 }
 
 /// The optional formats bring crates of their own, which would cost every change a minute of building.

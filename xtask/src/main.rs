@@ -145,15 +145,8 @@ fn bench(project: &Project, name: Option<&str>) -> Result<Outcome> {
     for (_, program) in chosen {
         let mut cargo = project.cargo();
         cargo.env("RUSTFLAGS", "-C target-cpu=native");
-        project::passes(cargo.args([
-            "run",
-            "--release",
-            "--locked",
-            "--manifest-path",
-            "benches/Cargo.toml",
-            "--bin",
-            program,
-        ]))?;
+        cargo.args(["run", "--release", "--locked", "--manifest-path", "benches/Cargo.toml", "--bin", program]);
+        project::passes(&mut cargo)?;
     }
     Ok(Outcome::Passed)
 }

@@ -6,8 +6,8 @@
 //! `octaves`: whether it is noise) and what that hides (`hidden`), periods over place ([`cycles`]), which commands and readings were lost
 //! (`events`), what only priors decide ([`symmetry`]) and which of it is sure (`directions`), what explains a gap ([`explanation`]),
 //! probabilities ([`evidence`]), and the order of it all ([`judge`]).
-//! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays, and what
-//! to measure next ([`Diagnosis`]), and the page about it ([`report`]).
+//! Then the answer: the verdict, the plant with the effects in, the gap before and after on rows that no fit saw, what stays (`zeros`: mostly
+//! a constant), and what to measure next ([`Diagnosis`]), and the page about it ([`report`]).
 //!
 //! What it does not do: read or write files, or name the nearest entry where none fits: then the verdict is `unknown`, or a class.
 

@@ -294,8 +294,10 @@ impl<'a> Lockstep<'a> {
         let derivative = |(plant, step): &mut (Beside<'_>, f64)| {
             let mut moved = plant.predict(self.record, base, seen);
             // A plant that runs away a step further tells nothing, and must not make nothing of the others.
-            let slope = |moved: f64, p: f64| Some((moved - p) / *step).filter(|slope| slope.is_finite()).unwrap_or(0.0);
-            moved.iter_mut().zip(base).for_each(|(moved, p)| *moved = slope(*moved, *p));
+            for (moved, p) in moved.iter_mut().zip(base) {
+                let slope = (*moved - p) / *step;
+                *moved = if slope.is_finite() { slope } else { 0.0 };
+            }
             moved
         };
         chunk.columns = self.moved.par_iter_mut().map(derivative).collect();

@@ -471,6 +471,7 @@ impl Search<'_> {
         let mut stages = STAGES;
         stages[STAGES.len() - 1] = repeats;
         let other = self.descend(&candidate.hypothesis, z, &stages);
+        // By each log's own count another hysteron stayed hidden in numbers that no plant has.
         let total = |c: &Candidate| c.found.data_cost / repeats + c.found.prior_cost;
         if total(&other) < total(&candidate) { other } else { candidate }
     }
@@ -484,7 +485,7 @@ impl Search<'_> {
     }
 
     /// Readings that make one independent one, by what `candidate` leaves.
-    pub fn repeats(&self, candidate: &Candidate) -> f64 {
+    fn repeats(&self, candidate: &Candidate) -> f64 {
         let count = |weights: Vec<f64>| weights.iter().sum::<f64>();
         count(noise_weights(self.bench)) / count(self.independent_weights(candidate))
     }

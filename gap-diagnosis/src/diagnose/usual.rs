@@ -27,8 +27,7 @@ impl Hypothesis {
         let mut usual = self.clone();
         for (at, installed) in usual.installed.iter_mut().enumerate() {
             let numbers = installed.of_scope(Scope::EachStart);
-            let of_logs: Vec<DVector<f64>> =
-                places.iter().map(|places| DVector::from_fn(numbers.len(), |i, _| z[places[at][numbers[i]]])).collect();
+            let of_logs = of_each_log(&places, at, &numbers, z);
             // Lines side by side make up for one another in a log that is too short to tell them apart, and in another log they need not.
             let most = if numbers.len() > 2 { share(&of_logs, &installed.squares_of_start) } else { None };
             for (i, number) in numbers.into_iter().enumerate() {
@@ -154,8 +153,7 @@ impl Hypothesis {
         let places: Vec<_> = (0..bench.records.len()).map(|index| bench.places(self, index)).collect();
         let of_form = |at: usize| {
             let own = self.installed[at].of_scope(Scope::EachLog);
-            let of_log = |places: &Vec<Vec<usize>>| DVector::from_fn(own.len(), |i, _| z[places[at][own[i]]]);
-            let of_logs: Vec<DVector<f64>> = places.iter().map(of_log).collect();
+            let of_logs = of_each_log(&places, at, &own, z);
             let common = (!own.is_empty()).then(|| Common::of(&of_logs, &self.installed[at].squares_of_own));
             common.map(|common| (at, own, common))
         };
@@ -188,6 +186,12 @@ impl Held {
         let width = (4.0 * apart2 + error2 + LEAST_HELD.powi(2)).sqrt();
         Some(Self { mean, width, against_nothing: mean.powi(2) / error2 })
     }
+}
+
+/// Coordinates `z` of the `numbers` of form `at`, of each log whose forms have these `places`.
+fn of_each_log(places: &[Vec<Vec<usize>>], at: usize, numbers: &[usize], z: &[f64]) -> Vec<DVector<f64>> {
+    let of_log = |places: &Vec<Vec<usize>>| DVector::from_fn(numbers.len(), |i, _| z[places[at][numbers[i]]]);
+    places.iter().map(of_log).collect()
 }
 
 /// What each number of a log would be if all made the same share of what they make of it together, rms over the logs; `None` where a number

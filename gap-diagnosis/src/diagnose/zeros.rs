@@ -5,36 +5,34 @@ use super::bench::Record;
 use super::gap::Three;
 use super::plants::{Benches, Played};
 use super::starts::scored_from;
+use plant_sim::metrics::Score;
 
 /// One warning for each log whose constant is larger than the noise and than all else that stays beyond it.
 pub(super) fn own_zeros(benches: &Benches<'_>, three: &Three) -> Vec<String> {
-    let held = benches.held.iter().flat_map(|held| &held.records);
-    let of_log = held.enumerate().filter_map(|(at, record)| {
-        let index = benches.fitted.records.len() + at;
-        let [constant_m, rest_m] = apart(record, &three.augmented[index])?;
+    let held_out = benches.records().enumerate().skip(benches.fitted.records.len());
+    let of_log = held_out.filter_map(|(index, record)| {
+        let augmented = scored(record, &three.augmented[index]);
+        let (constant_m, rest_m) = (augmented.offset_m(), augmented.rms_m(true));
         let noise_m2 = record.noise_m.powi(2);
         if constant_m.powi(2) < noise_m2.max(rest_m.powi(2) - noise_m2) {
             return None;
         }
-        let [_, nominal_m] = apart(record, &three.nominal[index])?;
         Some(format!(
             "{}: most of what stays there is a constant, {:+.4} um, as if its sensor's zero were another one, of which the fitted logs tell nothing; without what is \
              constant, {:.4} um become {:.4} um. If each log has its own zero, give several to be fitted",
             record.log.name,
             1e6 * constant_m,
-            1e6 * nominal_m,
+            1e6 * scored(record, &three.nominal[index]).rms_m(true),
             1e6 * rest_m
         ))
     });
     of_log.collect()
 }
 
-/// Mean of measured minus played on the rows that are scored, and rms without it, metres; `None` of no rows.
-fn apart(record: &Record<'_>, played: &Played) -> Option<[f64; 2]> {
-    let from = scored_from(record);
-    let count = record.log.len().checked_sub(from).filter(|&count| count > 0)? as f64;
-    let residuals =
-        || record.log.displacement_m.iter().zip(played).skip(from).map(|(measured, played)| measured - played);
-    let mean_m = residuals().sum::<f64>() / count;
-    Some([mean_m, (residuals().map(|residual_m| (residual_m - mean_m).powi(2)).sum::<f64>() / count).sqrt()])
+/// How far `played` is from the rows of a held-out log that are scored.
+fn scored(record: &Record<'_>, played: &Played) -> Score {
+    let mut score = Score::default();
+    let rows = record.log.displacement_m.iter().zip(played).skip(scored_from(record));
+    rows.for_each(|(measured_m, predicted_m)| score.add(*measured_m, *predicted_m));
+    score
 }
