@@ -449,14 +449,12 @@ struct Board<'a> {
 
 impl<'a> Board<'a> {
     fn new(bench: &'a Bench, session: &'a Session<'a>, n_rows: usize, before_v: &'a [f64], period_s: f64) -> Self {
-        let reference_um = match session.source {
-            Source::Open(_) => None,
-            Source::Closed(reference_m, _) => Some(reference_m.iter().map(|r| r * 1e6).collect()),
-        };
         // A loop decides row by row, see `sampled`.
-        let command_v = match session.source {
-            Source::Open(command_v) => command_v.iter().copied().map(as_logged).collect(),
-            Source::Closed(..) => Vec::with_capacity(n_rows),
+        let (command_v, reference_um) = match session.source {
+            Source::Open(command_v) => (command_v.iter().copied().map(as_logged).collect(), None),
+            Source::Closed(reference_m, _) => {
+                (Vec::with_capacity(n_rows), Some(reference_m.iter().map(|r| r * 1e6).collect()))
+            }
         };
         let record = Record {
             name: String::new(),

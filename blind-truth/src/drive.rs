@@ -363,7 +363,7 @@ impl Drive {
                 u * (1.0 + error * (1.0 + share * (TAU * hz * middle_of(m, h_s) + m[1]).sin()))
             }
             Drive::SettlingGain { error, share, tau_s } => {
-                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s).max(0.0) / tau_s).exp()))
+                u * (1.0 + error * (1.0 - share * (-middle_of(m, h_s) / tau_s).exp()))
             }
             Drive::FlickeringGain { error, share, .. } => {
                 let t_s = middle_of(m, h_s);
@@ -539,7 +539,7 @@ impl Drive {
                 u * (1.0 + gain * ((TAU * m[0].max(0.0) / period_s + phase_rad).sin() - phase_rad.sin()))
             }
             Drive::LateWarming { gain, tau_s } => {
-                let t = middle_of(m, h_s).max(0.0) / tau_s;
+                let t = middle_of(m, h_s) / tau_s;
                 u * (1.0 + gain * (1.0 - (1.0 + t) * (-t).exp()))
             }
             Drive::WarmingFrom { gain, tau_s, .. } => {
@@ -591,10 +591,10 @@ fn lag(m: &mut Memory, u: f64, tau_s: f64, h_s: f64) -> f64 {
     u - tau_s * change / h_s
 }
 
-/// Advances the clock in `m[0]` and returns the time in the middle of the step.
+/// Advances the clock in `m[0]` and returns the time in the middle of the step; before row 0 that stands at 0.
 fn middle_of(m: &mut Memory, h_s: f64) -> f64 {
     m[0] += h_s;
-    m[0] - 0.5 * h_s
+    (m[0] - 0.5 * h_s).max(0.0)
 }
 
 fn advance(m: &mut Memory, change: f64) -> f64 {

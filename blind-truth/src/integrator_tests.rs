@@ -2,10 +2,10 @@
 //! balance. No test here looks at a case.
 
 use crate::bench::{Bench, History, Jitter, Loop, Motion, STEP_S, Session, Source, record};
-use crate::digitise::{Digitise, Noise};
+use crate::digitise::Digitise;
 use crate::drive::Drive;
 use crate::hysteron::Hysteron;
-use crate::nominal::{bench, nominal};
+use crate::nominal::{nominal, silent};
 use crate::record::Record;
 use crate::sensor::{Follow, Measure, Row};
 use crate::structure::Force;
@@ -14,10 +14,6 @@ use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
 const RATE_HZ: f64 = 20_000.0;
-
-fn silent() -> Bench {
-    bench(&nominal(), Noise { rms_m: 0.0, coloured_share: 0.0, corner_hz: 1.0 })
-}
 
 fn play(bench: &Bench, command_v: &[f64], step_s: f64) -> Vec<f64> {
     let session =

@@ -3,11 +3,11 @@
 
 use crate::bench::{Bench, History, Jitter, Loop, Motion, STEP_S, Session, Source, Timing, record, run_monitored};
 use crate::case::{Case, Request, make};
-use crate::digitise::{Digitise, Noise};
+use crate::digitise::Digitise;
 use crate::drive::{Chain, Drive};
 use crate::effects::{EffectId, Split, Subject};
 use crate::forms::{self, Planted};
-use crate::nominal::{bench, nominal};
+use crate::nominal::silent;
 use crate::plan::Size;
 use crate::record::Record;
 use crate::sensor::{Follow, Measure};
@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 const RATE_HZ: f64 = 20_000.0;
 
 fn with(timing: Timing) -> Bench {
-    Bench { timing, ..bench(&nominal(), Noise { rms_m: 0.0, coloured_share: 0.0, corner_hz: 1.0 }) }
+    Bench { timing, ..silent() }
 }
 
 fn play(bench: &Bench, source: Source) -> Record {
@@ -91,7 +91,7 @@ fn rows_stay_in_order_where_a_clock_is_put_right() {
     let ramp: Vec<f64> = (0..8_000).map(|k| 5e-3 * f64::from(k)).collect();
     let timing = Timing { clock_error: 1e-3, clock_sync_s: 0.15, ..Timing::default() };
     let y_um = play(&with(timing.clone()), Source::Open(&ramp)).displacement_um;
-    let plain_um = play(&with(Timing::default()), Source::Open(&ramp)).displacement_um;
+    let plain_um = play(&silent(), Source::Open(&ramp)).displacement_um;
     let least_um = y_um[400..].windows(2).map(|pair| pair[1] - pair[0]).fold(f64::MAX, f64::min);
     // A tenth of a row, give or take what the edges of the command leave of their steps.
     assert!((0.5e-3..1.1e-3).contains(&least_um), "{least_um} um");
@@ -105,7 +105,7 @@ fn rows_stay_in_order_where_a_clock_is_put_right() {
 
 #[test]
 fn no_heat_takes_a_dead_zone_away() {
-    let mut hot = with(Timing::default());
+    let mut hot = silent();
     hot.heated = Some((-0.9, 0.05));
     let mut motion = Motion::at_rest(&hot, STEP_S);
     // A square wave of 1 kHz: twelve times the power that is the reference.
@@ -125,11 +125,13 @@ fn planted(effect: EffectId, name: &str) -> Planted {
     (form.draw)(&mut Pcg64::seed_from_u64(5))
 }
 
+/// What the truth states of a form under a name.
+fn stated(form: &Planted, a: f64, key: &str) -> f64 {
+    form.stated(a, 1.0 / RATE_HZ).into_iter().find(|(name, _)| *name == key).unwrap().1
+}
+
 #[test]
 fn the_truth_states_what_the_bench_installs() {
-    let stated = |form: &Planted, a: f64, key: &str| {
-        form.stated(a, 1.0 / RATE_HZ).into_iter().find(|(name, _)| *name == key).unwrap().1
-    };
     let turns = planted(EffectId::TransportDelay, "of the command, by turns");
     let share = |a: f64| stated(&turns, a, "longer_and_shorter_by");
     // 0.4 of a row is 20 us.
@@ -149,8 +151,8 @@ fn the_truth_states_what_the_bench_installs() {
 #[test]
 fn a_shelf_has_its_error_at_rest_and_less_of_it_above_the_corner() {
     let shelf = planted(EffectId::AmplifierGain, "shelf");
-    let number = |key: &str| shelf.parameters.iter().find(|(name, _)| *name == key).unwrap().1;
-    let mut bench = with(Timing::default());
+    let number = |key: &str| stated(&shelf, 0.1, key);
+    let mut bench = silent();
     (shelf.apply)(0.1, &mut bench);
     let part = &bench.drives[0];
     let mut memory = part.begin(STEP_S, 0.0, &mut Pcg64::seed_from_u64(5));
@@ -165,7 +167,7 @@ fn a_shelf_has_its_error_at_rest_and_less_of_it_above_the_corner() {
 fn parts_stand_in_the_order_of_the_signal() {
     // No form alone is moved: what it is made of stands as it was written.
     for form in forms::all() {
-        let (mut bench, planted) = (with(Timing::default()), (form.draw)(&mut Pcg64::seed_from_u64(5)));
+        let (mut bench, planted) = (silent(), (form.draw)(&mut Pcg64::seed_from_u64(5)));
         (planted.apply)(planted.bounds.0, &mut bench);
         let written = format!("{bench:?}");
         bench.put_in_order();
@@ -181,7 +183,7 @@ fn parts_stand_in_the_order_of_the_signal() {
     let digitises = pair([EffectId::Quantisation, EffectId::NoiseExcess]).bench.digitises;
     assert!(digitises.len() == 2 && digitises.is_sorted_by_key(Digitise::place), "{digitises:?}");
     // By hand, as a seed may draw a creep that is none of the rows.
-    let mut bench = with(Timing::default());
+    let mut bench = silent();
     let creep = Measure::Creep(Chain { elements: vec![(0.1, 0.2)] });
     bench.measures = vec![Measure::Smoothing { weight: 0.5, rows: 3 }, Measure::Offset(1e-6), creep.clone()];
     bench.follows = vec![Follow::Lag { tau_s: 1e-5 }, Follow::Play { half_m: 1e-7 }];
@@ -192,7 +194,7 @@ fn parts_stand_in_the_order_of_the_signal() {
 
 #[test]
 fn the_monitor_shows_the_amplifier_and_not_the_ceramic() {
-    let mut bench = with(Timing::default());
+    let mut bench = silent();
     bench.drives = vec![Drive::Gain(1.1), Drive::TanhEnvelope { level_v: 120.0, shift_v: 40.0 }];
     let drive_v = run_monitored(&bench, &[30.0; 200], RATE_HZ, 1).drive_v.unwrap();
     assert!((drive_v[199] - 33.0).abs() < 1e-9, "{} V", drive_v[199]);

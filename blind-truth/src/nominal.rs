@@ -91,6 +91,12 @@ pub(crate) fn bench(numbers: &Numbers, noise: Noise) -> Bench {
     }
 }
 
+/// The nominal bench without noise.
+#[cfg(test)]
+pub(crate) fn silent() -> Bench {
+    bench(&nominal(), Noise { rms_m: 0.0, coloured_share: 0.0, corner_hz: 1.0 })
+}
+
 /// The plant file that a diagnosis is given; `zeroed_um` is how well the sensor's zero is known, where it is not exact.
 pub(crate) fn plant_toml(noise_um: f64, zeroed_um: Option<f64>) -> String {
     let source = "thesis, Table 2.1; sigma stated by the case";
