@@ -82,6 +82,11 @@ pub(crate) fn aic_bic(samples_and_rms_m: &[[f64; 2]], coordinates: usize) -> [f6
 /// order; the smallest estimate over orders 2 to 6 is taken. A median makes it blind to the few samples around steps.
 /// It is an upper bound where the signal itself is rough from sample to sample. Of a long signal, stretches all over it are enough.
 pub fn noise_rms(signal: &[f64]) -> f64 {
+    noise_rms_on(signal, 0.0)
+}
+
+/// The same where the readings lie on a lattice of this `step`, rounding included; none if it is zero.
+pub(crate) fn noise_rms_on(signal: &[f64], step: f64) -> f64 {
     let every = signal.len().div_ceil(MOST_SAMPLES);
     let length = if every > 1 { STRETCH_SAMPLES } else { signal.len().max(1) };
     let mut stretches: Vec<Vec<f64>> = signal.chunks(length).step_by(every.max(1)).map(<[f64]>::to_vec).collect();
@@ -101,17 +106,30 @@ pub fn noise_rms(signal: &[f64]) -> f64 {
         binomial *= 2.0 * (2.0 * d - 1.0) / d;
         if order >= 2 {
             let differences = stretches.iter().flatten().copied().collect();
-            smallest = smallest.min(median_magnitude(differences) / 0.6745 / f64::sqrt(binomial));
+            smallest = smallest.min(median_magnitude_on(differences, step) / 0.6745 / f64::sqrt(binomial));
         }
     }
     if smallest.is_finite() { smallest } else { 0.0 }
 }
 
 /// Median of the magnitudes of `values`, of which there must be one.
-pub(crate) fn median_magnitude(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median_magnitude(values: Vec<f64>) -> f64 {
+    median_magnitude_on(values, 0.0)
+}
+
+/// The same of values on a lattice of this `step`, each of which stands for all within half a step of it (the median of grouped data).
+fn median_magnitude_on(mut values: Vec<f64>, step: f64) -> f64 {
     values.iter_mut().for_each(|value| *value = value.abs());
     let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+    if step <= 0.0 {
+        return median;
+    }
+    let from = ((median / step).round() - 0.5).max(0.0) * step;
+    let to = ((median / step).round() + 0.5) * step;
+    let below = values.iter().filter(|value| **value < from).count() as f64;
+    let within = values.iter().filter(|value| (from..to).contains(*value)).count().max(1) as f64;
+    from + (to - from) * (0.5 * values.len() as f64 - below) / within
 }
 
 #[cfg(test)]

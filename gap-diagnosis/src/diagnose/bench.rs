@@ -33,6 +33,9 @@ const STILL_SHARE: f64 = 0.01;
 /// Information that numbers get which rounding can't tell from one another, in shares of their own.
 const ALIKE: f64 = 1e-8;
 
+/// A lattice this many times as coarse as the noise, rounding included, is taken from step to step by it: what is white of it is 0.4 of a step then.
+const DITHERED: f64 = 2.0;
+
 /// One log as the diagnosis sees it.
 #[derive(Clone, Debug)]
 pub struct Record<'a> {
@@ -46,7 +49,7 @@ pub struct Record<'a> {
     pub jitter_m: f64,
     /// The same of all that the plant states to scatter beside its sensor's white noise: slow noise and rounding as well.
     pub scatter_m: f64,
-    /// Step of the lattice on which the readings lie if it is coarser than the noise, else zero; metres.
+    /// Step of the lattice on which the readings lie if it is coarser than half the noise, else zero; metres.
     pub lattice_m: f64,
     /// Drive held before the first row, and how uncertain that is, in volts.
     pub before_v: [f64; 2],
@@ -89,10 +92,11 @@ impl Record<'_> {
         k >= self.run_in && !self.holds_out(k) && !self.has_lost(k)
     }
 
-    /// What of a difference counts: what a reading on a lattice leaves open is no residual.
+    /// What of a difference counts: what a reading on a lattice leaves open is no residual. Where noise takes readings from step to step, rounding is
+    /// noise like any other (Schuchman 1964), and is in that of the log.
     #[inline]
     pub fn off_lattice_m(&self, difference_m: f64) -> f64 {
-        if self.lattice_m > 0.0 {
+        if self.lattice_m > DITHERED * self.noise_m {
             // Not `max`, which would make a perfect fit of what is no number.
             let beyond_m = difference_m.abs() - 0.5 * self.lattice_m;
             if beyond_m < 0.0 { 0.0 } else { beyond_m.copysign(difference_m) }

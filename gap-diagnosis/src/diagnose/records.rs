@@ -1,7 +1,7 @@
 //! What a log says before anything is fitted: its noise, the lattice of its converter, and the drive before its first row.
 
 use super::bench::{Record, extremes};
-use crate::residual::noise_rms;
+use crate::residual::{noise_rms, noise_rms_on};
 use plant_sim::chain::{Chain, Sensor};
 use plant_sim::log::Log;
 use plant_sim::param::Param;
@@ -40,7 +40,7 @@ pub fn record<'a>(log: &'a Log, chain: &Chain, run_in_s: Option<f64>) -> Record<
     let run_in_s = run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
     let run_in = ((run_in_s / log.dt_s).round().max(0.0) as usize).min(log.len());
     let lattice_m = lattice(&log.displacement_m[run_in..]).unwrap_or(0.0);
-    let smooth_m = noise_rms(&log.displacement_m[run_in..]);
+    let smooth_m = noise_rms_on(&log.displacement_m[run_in..], lattice_m);
     // A lattice coarser than the noise hides it from differences; its own rounding is noise enough.
     let noise_m = if lattice_m > smooth_m { smooth_m.max(lattice_m / 12f64.sqrt()) } else { smooth_m };
     let lattice_m = if lattice_m > 0.5 * noise_m { lattice_m } else { 0.0 };
@@ -163,7 +163,7 @@ pub fn lattice(values: &[f64]) -> Option<f64> {
             distinct.push(value);
         }
     }
-    if distinct.len() < LEAST_DISTINCT || distinct.len() * 3 > values.len() {
+    if distinct.len() < LEAST_DISTINCT {
         return None;
     }
     let step = distinct.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);

@@ -42,8 +42,8 @@ pub struct Candidate {
     pub found: Found,
     /// Mean square of the fitted rows in units of the noise; one at the noise.
     pub chi: f64,
-    /// The same of the log that is fitted worst.
-    pub worst_chi: f64,
+    /// The same of each log.
+    pub chis: Vec<f64>,
 }
 
 impl Candidate {
@@ -94,10 +94,10 @@ pub struct Search<'a> {
 impl Search<'_> {
     /// What was found for `hypothesis`.
     pub fn candidate(&self, hypothesis: Hypothesis, found: Found) -> Candidate {
-        let worst_chi = self.chis(&found).into_iter().fold(0.0, f64::max);
         let weights = noise_weights(self.bench);
+        let chis = found.normal.logs.iter().zip(&weights).map(|(log, w)| w * log.mean_m2()).collect();
         let chi = found.normal.misfit(&weights) / found.normal.rows().max(1) as f64;
-        Candidate { hypothesis, found, chi, worst_chi }
+        Candidate { hypothesis, found, chi, chis }
     }
 
     fn descend(&self, hypothesis: &Hypothesis, z: Vec<f64>, stages: &[f64]) -> Candidate {
@@ -109,17 +109,11 @@ impl Search<'_> {
         self.unlocked(self.candidate(hypothesis.clone(), found))
     }
 
-    /// Mean square of each log in units of the noise.
-    pub fn chis(&self, found: &Found) -> Vec<f64> {
-        let weights = noise_weights(self.bench);
-        found.normal.logs.iter().zip(&weights).map(|(log, w)| w * log.mean_m2()).collect()
-    }
-
     /// The candidate, or the better one that begins where the logs that it fits worst by far start anew: hysterons forget nothing, and a
     /// start that went astray locks its log, whatever the plant.
     fn unlocked(&self, candidate: Candidate) -> Candidate {
-        let chis = self.chis(&candidate.found);
-        let middle = middle(&chis);
+        let chis = &candidate.chis;
+        let middle = middle(chis);
         if middle > NEARLY {
             return candidate;
         }
@@ -149,8 +143,8 @@ impl Search<'_> {
     /// numbers that they share until its start finds no way back.
     pub fn led_by_others(&self, mut candidate: Candidate) -> Candidate {
         for _ in 0..LED_ROUNDS {
-            let chis = self.chis(&candidate.found);
-            let middle = middle(&chis);
+            let chis = &candidate.chis;
+            let middle = middle(chis);
             let worst = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b]));
             let worse = worst.filter(|index| middle < LOCKED_LEAST && chis[*index] > WORSE * middle);
             let led = worse.map(|index| self.led_without(&candidate, index));
