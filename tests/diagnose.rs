@@ -583,6 +583,15 @@ fn one_curve_under_two_names_is_a_class() {
     assert!(shares[0] - shares[1] < 0.1 && shares[0] + shares[1] > 0.95, "{}", found["ranking"]);
 }
 
+/// A dead zone off its centre moves the readings as a zero does that is off: the commoner leads, and both are open.
+#[test]
+fn a_zero_leads_what_no_log_tells_from_it() {
+    let found = diagnosis_of_develop("zero-leads", 16_277_849_238_608_469_004, [EffectId::SensorOffset]);
+    assert_eq!(list(&found["effects"]), ["sensor_offset"], "{}", found["ranking"]);
+    assert_eq!(list(&found["set90"]), ["sensor_offset", "asymmetric_hysteresis"], "{}", found["ranking"]);
+    assert_eq!(found["stage"], "sensor");
+}
+
 #[test]
 fn the_error_of_a_loop_is_predicted_with_both_plants() {
     let folder = Folder::new("diagnose-loop");

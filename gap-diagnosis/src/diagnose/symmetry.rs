@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 /// A time constant below this many samples is instant.
 const INSTANT: f64 = 0.05;
 /// Chi-square that speaks for an offset against what shifts the displacement in the same way and is rarer: three to one.
-const RARER: f64 = 2.2;
+pub(super) const RARER: f64 = 2.2;
 /// Share of the priors that leaves numbers free which the logs determine.
 const NEXT_TO_NOTHING: f64 = 1e-6;
 /// Share of its own cost below which a direction is one that is free already.

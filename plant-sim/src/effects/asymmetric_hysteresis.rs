@@ -63,7 +63,7 @@ fn leaning_spectrum(scales: &Scales<'_>) -> Vec<Parameter> {
 }
 
 const FORMS: &[Form] = &[
-    Form::predictable("off-centre", off_centre, |chain, p| chain.sensor.offset_m += p[0]),
+    Form::predictable("off-centre", off_centre, |chain, p| chain.sensor.offset_m += p[0]).mirroring("sensor_offset"),
     Form::predictable("capacitance", skew, |chain, p| bend_all(chain, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-first", skew, |chain, p| bend(chain, 0, BendLaw::CapacitanceSkew(p[0]))),
     Form::predictable("capacitance-of-second", skew, |chain, p| bend(chain, 1, BendLaw::CapacitanceSkew(p[0]))),

@@ -20,4 +20,5 @@ const ABOUT: About = About {
     spec: "minor-loops:60V@2Hz+zero@2s+sine:40V@1Hz,for=4s",
 };
 
-const FORMS: &[Form] = &[Form { name: "start", kind: Kind::Start, parameters: |_| Vec::new(), install: |_, _| {} }];
+const FORMS: &[Form] =
+    &[Form { name: "start", kind: Kind::Start, parameters: |_| Vec::new(), install: |_, _| {}, mirrors: None }];

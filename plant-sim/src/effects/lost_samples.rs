@@ -31,11 +31,13 @@ const FORMS: &[Form] = &[
         kind: Kind::Events,
         parameters: share,
         install: |chain, p| chain.sensor.repeated_share = either(chain.sensor.repeated_share, p[0]),
+        mirrors: None,
     },
     Form {
         name: "held-command",
         kind: Kind::Events,
         parameters: share,
         install: |chain, p| chain.drive.lost_share = either(chain.drive.lost_share, p[0]),
+        mirrors: None,
     },
 ];

@@ -208,6 +208,8 @@ pub struct Form {
     /// Puts it into a chain, on top of what is there. At zero amplitude the chain behaves as before, but steps through the same parts:
     /// so a difference between amplitudes shows the effect and not another way of stepping.
     pub install: fn(&mut Chain, &[f64]),
+    /// Entry that moves the readings in exactly the same way, and is the likelier of the two.
+    pub mirrors: Option<&'static str>,
 }
 
 impl Form {
@@ -217,7 +219,12 @@ impl Form {
         parameters: fn(&Scales<'_>) -> Vec<Parameter>,
         install: fn(&mut Chain, &[f64]),
     ) -> Self {
-        Self { name, kind: Kind::Predictable, parameters, install }
+        Self { name, kind: Kind::Predictable, parameters, install, mirrors: None }
+    }
+
+    /// The same where no log tells it from entry `id`, which is the likelier.
+    const fn mirroring(self, id: &'static str) -> Self {
+        Self { mirrors: Some(id), ..self }
     }
 
     /// Values of its parameters at typical size, shapes and places at the first of their starts.

@@ -30,6 +30,7 @@ const FORMS: &[Form] = &[
         kind: Kind::Spread,
         parameters: |scales| vec![rms(scales)],
         install: |chain, p| chain.sensor.noise_m = chain.sensor.noise_m.hypot(p[0]),
+        mirrors: None,
     },
     Form {
         name: "coloured",
@@ -47,5 +48,6 @@ const FORMS: &[Form] = &[
             sensor.slow_noise_s += share * (p[1] - sensor.slow_noise_s);
             sensor.slow_noise_m = sensor.slow_noise_m.hypot(p[0]);
         },
+        mirrors: None,
     },
 ];

@@ -35,6 +35,7 @@ const FORMS: &[Form] = &[
             vec![Parameter::amplitude("quantum_m", "m", [0.0, 0.2 * scales.stroke_m], scales.stroke_m / 2048.0)]
         },
         install: |chain, p| chain.sensor.quantum_m = chain.sensor.quantum_m.max(p[0]),
+        mirrors: None,
     },
     Form::predictable("converter-out", quantum_v, |chain, p| {
         chain.drive.quantum_v = chain.drive.quantum_v.max(p[0]);

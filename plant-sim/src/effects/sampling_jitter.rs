@@ -25,6 +25,7 @@ const FORMS: &[Form] = &[
         kind: Kind::Spread,
         parameters: |scales| vec![Parameter::amplitude("rms_s", "s", [0.0, scales.sample_s], 0.02 * scales.sample_s)],
         install: |chain, p| chain.sensor.jitter_s = chain.sensor.jitter_s.hypot(p[0]),
+        mirrors: None,
     },
     Form {
         name: "late",
@@ -34,5 +35,6 @@ const FORMS: &[Form] = &[
             vec![Parameter::amplitude("mean_s", "s", [-most_s, most_s], 0.02 * scales.sample_s)]
         },
         install: |chain, p| chain.sensor.late_s += p[0],
+        mirrors: None,
     },
 ];
