@@ -57,10 +57,10 @@ pub(super) fn settle(bench: &Bench<'_>, hypothesis: &Hypothesis, z: &mut [f64], 
 
 /// The start of log `index` where no later fit will mend it: from all of these places, as others begin, and relaxed, that which is most probable.
 pub(super) fn sought(bench: &Bench<'_>, hypothesis: &Hypothesis, z: Vec<f64>, index: usize) -> Settled {
-    let stretch = FirstStretch::new(bench, hypothesis, index);
+    let stretch = FirstStretch::of_other(bench, hypothesis, index);
     let relaxed = stretch.relaxed().settled(z.clone());
     let alone = hypothesis.alone();
-    let by_itself = FirstStretch::new(bench, &alone, index);
+    let by_itself = FirstStretch::of_other(bench, &alone, index);
     let mut nowhere = z.clone();
     by_itself.places.iter().zip(&by_itself.rules).for_each(|(place, rule)| nowhere[*place] = rule.centre);
     let mut all: Vec<Settled> = by_itself.settlings(nowhere).collect();
@@ -129,7 +129,7 @@ impl Settled {
     /// nothing make up for what the others imitate, if they must.
     pub fn follow(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, mut z: Vec<f64>, index: usize) -> Vec<f64> {
         let hypothesis = &self.by(hypothesis);
-        let stretch = FirstStretch::new(bench, hypothesis, index);
+        let stretch = FirstStretch::of_other(bench, hypothesis, index);
         stretch.places.iter().for_each(|place| z[*place] = self.z[*place]);
         let relaxed = (self.memories < stretch.memories.len()).then(|| stretch.relaxed().settled(z.clone()));
         let all = std::iter::once(stretch.settled(z.clone())).chain(relaxed).collect();
@@ -146,7 +146,7 @@ impl Settled {
     /// follow: one pair for each that is free. A prior draws a memory to the edge of what the stretch leaves open, so that no slope tells how far that is.
     pub fn left_open(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, index: usize) -> Vec<[Vec<f64>; 2]> {
         let hypothesis = &self.by(hypothesis);
-        let stretch = FirstStretch::new(bench, hypothesis, index);
+        let stretch = FirstStretch::of_other(bench, hypothesis, index);
         let noise2 = bench.records[index].noise_m.powi(2);
         let weight = 1.0 / (noise2.max(self.mean2) * samples_per_independent(&self.left));
         let way = |place: usize, sign: f64| {
@@ -234,6 +234,8 @@ struct FirstStretch<'b> {
     known: usize,
     /// What these say against a relaxed start, in squares, where that is what is sought.
     against: f64,
+    /// Whether rows that the plant misses together count as the independent ones that they are worth.
+    counts_independent: bool,
 }
 
 impl<'b> FirstStretch<'b> {
@@ -249,7 +251,24 @@ impl<'b> FirstStretch<'b> {
         let is_known = |i: &&usize| hypothesis.usually_held.get(**i).is_some_and(Option::is_some);
         let known = hysterons.iter().filter(is_known).count();
         let memories = hysterons.into_iter().map(|i| 1 + i).collect();
-        Self { bench, hypothesis, index, rows, places, rules, starts, memories, known, against: 0.0 }
+        Self {
+            bench,
+            hypothesis,
+            index,
+            rows,
+            places,
+            rules,
+            starts,
+            memories,
+            known,
+            against: 0.0,
+            counts_independent: false,
+        }
+    }
+
+    /// The same of a log that no number was fitted to: what the plant misses there must not be made up for by its start, beyond what priors allow.
+    fn of_other(bench: &'b Bench<'b>, hypothesis: &'b Hypothesis, index: usize) -> Self {
+        Self { counts_independent: true, ..Self::new(bench, hypothesis, index) }
     }
 
     /// The same with hysterons that hold nothing.
@@ -338,7 +357,10 @@ impl<'b> FirstStretch<'b> {
         for _ in 0..STEPS {
             let squares = dot(&here, &here);
             // A plant that doesn't fit must not bend its start for it: the unit of the residual is the residual itself.
-            let weight = 1.0 / (noise_m * noise_m).max(squares / here.len() as f64);
+            let mean2 = squares / here.len() as f64;
+            let is_missed = self.counts_independent && !is_at_noise(mean2, &self.bench.records[self.index]);
+            let each = if is_missed { samples_per_independent(&here) } else { 1.0 };
+            let weight = 1.0 / ((noise_m * noise_m).max(mean2) * each);
             let (information, gradient) = self.normal(&columns, &here, &z, weight);
             let Some(change) = information.cholesky().map(|c| c.solve(&gradient)) else { break };
             let before = weight * squares + self.prior(&z);
