@@ -221,6 +221,20 @@ fn a_start_that_is_off_hides_no_effect_beside_it() {
 }
 
 /// Late rows bend no number: one that is off is named beside them, though next to all of what stays is theirs.
+/// What a start leaves free does not do the work of a zero of a nanometre.
+#[test]
+fn a_start_that_is_off_is_no_zero() {
+    let found = diagnosis_of_develop("start-alone", 11_745_173_191_606_416_024, [EffectId::InitialState]);
+    assert_eq!(list(&found["effects"]), ["initial_state"], "{}", found["ranking"]);
+    assert_eq!(list(&found["set90"]), ["initial_state"], "{}", found["ranking"]);
+    let share = found["shares"].as_array().expect("shares").iter().find(|share| share["effect"] == "initial_state");
+    assert!(
+        share.and_then(|share| share["percent"].as_f64()).is_some_and(|percent| percent > 20.0),
+        "{}",
+        found["shares"]
+    );
+}
+
 #[test]
 fn a_wrong_number_is_named_beside_jitter() {
     let case = case(Subject::Effects(vec![EffectId::ParameterError, EffectId::SamplingJitter]));

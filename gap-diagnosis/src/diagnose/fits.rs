@@ -300,7 +300,7 @@ impl Fits<'_> {
 
     /// One of a pair's effects, if that alone fits as well: the other only led it out of a local minimum.
     fn least(&self, pair: Candidate) -> Candidate {
-        let mut alone = (0..pair.hypothesis.installed.len()).map(|kept| self.search.only(self.refit, &pair, kept));
+        let mut alone = (0..pair.hypothesis.installed.len()).map(|kept| self.search.only(&pair, kept));
         alone.find(|alone| alone.chi < AS_WELL * pair.chi).unwrap_or(pair)
     }
 

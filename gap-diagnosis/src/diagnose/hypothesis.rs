@@ -134,6 +134,8 @@ pub struct Hypothesis {
     pub installed: Vec<Installed>,
     /// How logs may start.
     pub freedom: Freedom,
+    /// The same without a form of the start.
+    pub(super) own_freedom: Freedom,
     /// How well each log tells what each hysteron holds when it begins, as variances of coordinates; nothing where that is not known.
     pub(super) variances_of_held: Vec<Vec<f64>>,
     /// What each hysteron holds when other logs begin; none where nothing is known of it.
@@ -154,7 +156,17 @@ pub(super) struct Held {
 impl Hypothesis {
     /// The nominal plant alone.
     pub fn nominal(freedom: Freedom) -> Self {
-        Self { installed: Vec::new(), freedom, variances_of_held: Vec::new(), usually_held: Vec::new() }
+        let (installed, variances_of_held, usually_held) = (Vec::new(), Vec::new(), Vec::new());
+        Self { installed, freedom, own_freedom: freedom, variances_of_held, usually_held }
+    }
+
+    /// This with those of its forms that `keep`, given the place of each, says. A start that is not kept leaves no state free, which would do the work of others.
+    pub fn keeping(&self, keep: impl Fn(usize, &Installed) -> bool) -> Self {
+        let kept = self.installed.iter().enumerate().filter(|(place, installed)| keep(*place, installed));
+        let installed: Vec<Installed> = kept.map(|(_, installed)| installed.clone()).collect();
+        let has_start = installed.iter().any(|installed| installed.form.kind == Kind::Start);
+        let freedom = if has_start { self.freedom } else { self.own_freedom };
+        Self { installed, freedom, variances_of_held: Vec::new(), ..self.clone() }
     }
 
     /// This with one form more.
@@ -172,7 +184,7 @@ impl Hypothesis {
         let (squares_of_own, squares_of_start) = (Vec::new(), Vec::new());
         installed.push(Installed { effect, form, axes, holds, modes, remembers, squares_of_own, squares_of_start });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
-        Self { installed, ..Self::nominal(freedom) }
+        Self { installed, own_freedom: self.own_freedom, ..Self::nominal(freedom) }
     }
 
     /// Whether logs begin with a memory besides that of hysterons.

@@ -243,9 +243,7 @@ impl Variant {
 
     /// This with only those of its forms that `keep` says, and with the nominal numbers if not `refitted`.
     pub fn part(&self, bench: &Bench<'_>, refitted: bool, keep: impl Fn(&Installed) -> bool) -> Variant {
-        let mut hypothesis = self.hypothesis.clone();
-        hypothesis.installed.retain(|installed| keep(installed));
-        hypothesis.variances_of_held.clear();
+        let hypothesis = self.hypothesis.keeping(|_, installed| keep(installed));
         let mut z = carry(bench, &self.hypothesis, &self.z, bench, &hypothesis, true);
         if !refitted {
             z[..bench.free.len()].fill(0.0);

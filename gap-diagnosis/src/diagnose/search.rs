@@ -411,8 +411,7 @@ impl Search<'_> {
         form: &'static Form,
         values: &[f64],
     ) -> Candidate {
-        let mut base = fit.hypothesis.clone();
-        base.installed.remove(place);
+        let base = fit.hypothesis.keeping(|other, _| other != place);
         let hypothesis = base.with(effect, form, &self.bench.scales());
         let mut z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         self.bench.set_last(&hypothesis, &mut z, values);
@@ -421,8 +420,8 @@ impl Search<'_> {
 
     /// A fit without its last effect, numbers and starts as they are.
     pub fn stripped(&self, fit: &Candidate) -> Candidate {
-        let mut hypothesis = fit.hypothesis.clone();
-        hypothesis.installed.pop();
+        let last = fit.hypothesis.installed.len().saturating_sub(1);
+        let hypothesis = fit.hypothesis.keeping(|place, _| place < last);
         let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         let normal = evaluate(self.bench, &hypothesis, &z, Sensitivities::Thinned, self.simulations);
         let data_cost = normal.cost(&noise_weights(self.bench));
@@ -430,10 +429,8 @@ impl Search<'_> {
     }
 
     /// Effect number `kept` of a fit alone, from where the fit ended.
-    pub fn only(&self, refit: &Candidate, fit: &Candidate, kept: usize) -> Candidate {
-        let kept = fit.hypothesis.installed[kept].clone();
-        let freedom = if kept.form.kind == Kind::Start { fit.hypothesis.freedom } else { refit.hypothesis.freedom };
-        let hypothesis = Hypothesis { installed: vec![kept], ..Hypothesis::nominal(freedom) };
+    pub fn only(&self, fit: &Candidate, kept: usize) -> Candidate {
+        let hypothesis = fit.hypothesis.keeping(|place, _| place == kept);
         let z = carry(self.bench, &fit.hypothesis, &fit.found.z, self.bench, &hypothesis, true);
         self.descend(&hypothesis, z, &LAST_STAGES)
     }
