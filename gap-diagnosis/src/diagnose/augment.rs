@@ -251,7 +251,7 @@ impl Augmented {
                 // Along a direction in which the prediction doesn't change only the priors know anything, and finite differences less.
                 let imitated = self.freed.iter().find(|freed| freed.effect == installed.effect.id());
                 let sigma = imitated.map_or(sigma, |freed| sigma.max(freed.value_sigma));
-                let sigma = with_mass(sigma, value, parameter.unit, bench.mass_sigma);
+                let sigma = with_mass(within(sigma, parameter.bounds), value, parameter.unit, bench.mass_sigma);
                 estimates.push(estimate(installed.effect.id(), parameter, value, sigma));
             }
         }
@@ -336,6 +336,12 @@ impl Augmented {
     }
 }
 
+/// A `sigma` that is no larger than that of anything within the `bounds`, which a linear plant knows nothing of.
+fn within(sigma: f64, [low, high]: [f64; 2]) -> f64 {
+    let anything = (high - low) / 12f64.sqrt();
+    if sigma > anything { anything } else { sigma }
+}
+
 fn estimate(effect: &str, parameter: &Parameter, value: f64, sigma: f64) -> Estimate {
     Estimate {
         effect: effect.to_owned(),
@@ -374,5 +380,12 @@ mod tests {
     fn no_force_is_known_better_than_the_mass() {
         assert_eq!(with_mass(0.03, -4.0, "N/m", 0.01), 0.05);
         assert_eq!(with_mass(0.03, -4.0, "m", 0.01), 0.03);
+    }
+
+    #[test]
+    fn a_number_that_no_log_tells_is_somewhere_within_its_bounds() {
+        assert_eq!(within(9517.0, [-0.5, 0.5]), 1.0 / 12f64.sqrt());
+        assert_eq!(within(0.1, [-0.5, 0.5]), 0.1);
+        assert!(within(f64::NAN, [0.0, 1.0]).is_nan());
     }
 }
