@@ -220,7 +220,6 @@ fn a_start_that_is_off_hides_no_effect_beside_it() {
     are_named("start", &case, ["initial_state", "sensor_offset"]);
 }
 
-/// Late rows bend no number: one that is off is named beside them, though next to all of what stays is theirs.
 /// What a start leaves free does not do the work of a zero of a nanometre.
 #[test]
 fn a_start_that_is_off_is_no_zero() {
@@ -235,6 +234,7 @@ fn a_start_that_is_off_is_no_zero() {
     );
 }
 
+/// Late rows bend no number: one that is off is named beside them, though next to all of what stays is theirs.
 #[test]
 fn a_wrong_number_is_named_beside_jitter() {
     let case = case(Subject::Effects(vec![EffectId::ParameterError, EffectId::SamplingJitter]));

@@ -32,8 +32,7 @@ const FREQUENCY_STEP: f64 = 0.04;
 const STILL_SHARE: f64 = 0.01;
 /// Information that numbers get which rounding can't tell from one another, in shares of their own.
 const ALIKE: f64 = 1e-8;
-
-/// A lattice this many times as coarse as the noise, rounding included, is taken from step to step by it: what is white of it is 0.4 of a step then.
+/// Steps of a converter up to so many times the noise, rounding included, are dithered by it: what is white of it is 0.4 of a step then.
 const DITHERED: f64 = 2.0;
 
 /// One log as the diagnosis sees it.

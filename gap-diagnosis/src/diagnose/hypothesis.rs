@@ -156,8 +156,13 @@ pub(super) struct Held {
 impl Hypothesis {
     /// The nominal plant alone.
     pub fn nominal(freedom: Freedom) -> Self {
-        let (installed, variances_of_held, usually_held) = (Vec::new(), Vec::new(), Vec::new());
-        Self { installed, freedom, own_freedom: freedom, variances_of_held, usually_held }
+        Self {
+            installed: Vec::new(),
+            freedom,
+            own_freedom: freedom,
+            variances_of_held: Vec::new(),
+            usually_held: Vec::new(),
+        }
     }
 
     /// This with those of its forms that `keep`, given the place of each, says. A start that is not kept leaves no state free, which would do the work of others.
@@ -166,7 +171,7 @@ impl Hypothesis {
         let installed: Vec<Installed> = kept.map(|(_, installed)| installed.clone()).collect();
         let has_start = installed.iter().any(|installed| installed.form.kind == Kind::Start);
         let freedom = if has_start { self.freedom } else { self.own_freedom };
-        Self { installed, freedom, variances_of_held: Vec::new(), ..self.clone() }
+        Self { installed, freedom, usually_held: self.usually_held.clone(), ..Self::nominal(self.own_freedom) }
     }
 
     /// This with one form more.
@@ -184,7 +189,7 @@ impl Hypothesis {
         let (squares_of_own, squares_of_start) = (Vec::new(), Vec::new());
         installed.push(Installed { effect, form, axes, holds, modes, remembers, squares_of_own, squares_of_start });
         let freedom = if form.kind == Kind::Start { Freedom::Any } else { self.freedom };
-        Self { installed, own_freedom: self.own_freedom, ..Self::nominal(freedom) }
+        Self { installed, freedom, ..Self::nominal(self.own_freedom) }
     }
 
     /// Whether logs begin with a memory besides that of hysterons.

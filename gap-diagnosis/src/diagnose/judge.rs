@@ -338,8 +338,10 @@ impl<'a> Judge<'a> {
         };
         let left = self.fits.iter().filter(as_good).map(|part| self.left(part)).fold(self.left(fit), f64::max);
         let mut explanation = Explanation::by_fit(fit, left, self.floor);
-        let mirrored = fit.hypothesis.installed.iter().filter_map(|installed| installed.form.mirrors);
-        mirrored.filter(|id| !self.without.contains(id)).for_each(|_| explanation.outdo(0.5 * RARER));
+        let mut mirrored = fit.hypothesis.installed.iter().filter_map(|installed| installed.form.mirrors);
+        if mirrored.any(|id| !self.without.contains(&id)) {
+            explanation.outdo(0.5 * RARER);
+        }
         let octaves = octaves_of(self.search.bench, &self.search.play(fit));
         explanation.judged.of_worst = self.left_of_worst(fit, &octaves, &[]);
         explanation

@@ -53,10 +53,10 @@ pub(super) fn refitted(search: &Search<'_>, freedom: Freedom) -> Candidate {
 /// bends the numbers of all logs until no start of its own log finds a way back. The log that is fitted worst is the first to be left out. The best of all.
 pub(super) fn led_without_one(search: &Search<'_>, mut refit: Candidate) -> Candidate {
     let bench = search.bench;
-    let chis = refit.chis.clone();
-    let mut order: Vec<usize> = (0..chis.len()).collect();
-    order.sort_by(|a, b| chis[*b].total_cmp(&chis[*a]));
-    for one in order.into_iter().filter(|_| chis.len() > 2) {
+    let mut order: Vec<usize> = (0..refit.chis.len()).collect();
+    order.sort_by(|a, b| refit.chis[*b].total_cmp(&refit.chis[*a]));
+    let are_enough = order.len() > 2;
+    for one in order.into_iter().filter(|_| are_enough) {
         let others = bench.without(one);
         let found = Search { bench: &others, ..*search }.refit(refit.hypothesis.freedom);
         if has_gap(&found) {
@@ -74,9 +74,9 @@ pub(super) fn led_without_one(search: &Search<'_>, mut refit: Candidate) -> Cand
 /// now and then, though each could be fitted. The best of all.
 fn refitted_in_parts(search: &Search<'_>, mut refit: Candidate) -> Candidate {
     let bench = search.bench;
-    let chis = refit.chis.clone();
+    let chis = &refit.chis;
     let Some(worst) = (0..chis.len()).max_by(|a, b| chis[*a].total_cmp(&chis[*b])) else { return refit };
-    if middle(&chis) > AT_NOISE || chis.len() < 3 {
+    if middle(chis) > AT_NOISE || chis.len() < 3 {
         return refit;
     }
     for other in (0..chis.len()).filter(|index| *index != worst) {
