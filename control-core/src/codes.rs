@@ -102,6 +102,12 @@ impl Calibration {
         // A gain of zero, or one too small or too large for f32, would make a factor infinite or zero.
         finite_above_zero("sensor_m_per_v", code_per_displacement_m.abs())?;
         finite_above_zero("amplifier_v_per_v", code_per_drive_v.abs())?;
+        let adc_zero_code = settings.adc_zero_v / adc_lsb_v;
+        // Every code that a wire can carry must stand for a number, those beyond the converters' bits as well.
+        for code in [0.0, f32::from(u16::MAX)] {
+            finite("adc_zero_v", (code - adc_zero_code) * displacement_m_per_code)?;
+            finite("amplifier_v_per_v", code * drive_v_per_code)?;
+        }
         let margin = settings.dac_margin_v / dac_lsb_v;
         let dac_mid_code = dac_codes / 2;
         // Before the conversion, which saturates: one more would overflow then.
@@ -116,7 +122,7 @@ impl Calibration {
         let last = (dac_codes as f32 - margin) as i32;
         Ok(Calibration {
             adc_last_code: adc_codes - 1,
-            adc_zero_code: settings.adc_zero_v / adc_lsb_v,
+            adc_zero_code,
             displacement_m_per_code,
             code_per_displacement_m,
             dac_mid_code,
@@ -324,6 +330,12 @@ mod tests {
                 CalibrationSettings { amplifier_v_per_v: f32::NAN, ..good },
                 SettingsError::NotFinite { field: "amplifier_v_per_v" },
             ),
+            // The factors of these are finite; what the codes at the ends stand for is not.
+            (
+                CalibrationSettings { dac_full_scale_v: f32::MAX, ..good },
+                SettingsError::NotFinite { field: "amplifier_v_per_v" },
+            ),
+            (CalibrationSettings { adc_zero_v: f32::MAX, ..good }, SettingsError::NotFinite { field: "adc_zero_v" }),
         ];
         let margin = SettingsError::TooLarge { field: "dac_margin_v", at_most: 1 };
         // 1.65 V are mid-code; the others are more codes than an integer holds, and than a number does.
