@@ -16,9 +16,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+/// Whether what costs more than a minute is run: with HYSTERON_LONG=1 (`cargo xtask long`). If not, `what` is said not to be.
+pub fn is_long(what: &str) -> bool {
+    if !is_long_tier() {
+        println!("not run: {what} (dear; HYSTERON_LONG=1 or cargo xtask long runs it)");
+    }
+    is_long_tier()
+}
+
+fn is_long_tier() -> bool {
+    std::env::var_os("HYSTERON_LONG").is_some()
+}
+
 /// Of cases that each cost a diagnosis the first, or all with HYSTERON_LONG=1 (`cargo xtask long`).
 pub fn asked<T, const N: usize>(cases: [T; N]) -> impl Iterator<Item = T> {
-    let most = if std::env::var_os("HYSTERON_LONG").is_some() { N } else { 1 };
+    let most = if is_long_tier() { N } else { 1 };
     cases.into_iter().take(most)
 }
 

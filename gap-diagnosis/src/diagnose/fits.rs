@@ -252,7 +252,7 @@ impl Fits<'_> {
             let mut best = pair.clone();
             let own_lead = in_form(leads, own);
             let plainest = own_lead.and_then(|lead| self.plainest(lead, leads));
-            for other in and(others(own.0, own.1, leads, most), plainest) {
+            for other in and(self.others(own, leads, most), plainest) {
                 if self.is_found(&best) {
                     break;
                 }
@@ -549,7 +549,8 @@ impl Fits<'_> {
         let lead = self.simplest(lead, leads);
         let mut fit = self.fit_of(lead, most);
         let first = fit.clone();
-        let promising = others(lead.effect.id(), lead.form.name, leads, lead.gain)
+        let promising = self
+            .others((lead.effect.id(), lead.form.name), leads, lead.gain)
             .filter(|other| other.gain > least && lead.share >= LITTLE);
         for other in and(promising, self.plainest(lead, leads)) {
             if self.left(&fit) < WELL || fit.chi < AT_NOISE {
@@ -577,6 +578,36 @@ impl Fits<'_> {
         let same = leads.iter().filter(|l| l.effect.id() == lead.effect.id());
         let plainest = same.min_by_key(|lead| self.numbers(lead.form))?;
         (plainest.share > HOPELESS && self.numbers(plainest.form) < self.numbers(lead.form)).then_some(plainest)
+    }
+
+    /// Leads of the effect in other forms than its `own` that promise as much as the `gain` of that: the few best forms, the best of each kin, and
+    /// those that no score tells from the best. Forms whose numbers are mostly the same are kin: where one is wrong the others may be, and go last.
+    fn others<'l>(
+        &self,
+        (id, own): (&'l str, &'l str),
+        leads: &'l [Lead],
+        gain: f64,
+    ) -> impl Iterator<Item = &'l Lead> {
+        let scales = self.search.bench.scales();
+        let names = |form: &Form| (form.parameters)(&scales).iter().map(|p| p.name).collect::<Vec<_>>();
+        let (own, same): (Vec<&Lead>, Vec<&Lead>) =
+            leads.iter().filter(|lead| lead.effect.id() == id).partition(|lead| lead.form.name == own);
+        let mut kins: Vec<Vec<&str>> = own.iter().map(|lead| names(lead.form)).collect();
+        let (mut firsts, mut kin) = (Vec::new(), Vec::new());
+        for (rank, lead) in same.into_iter().enumerate() {
+            let names = names(lead.form);
+            let shared = |kin: &Vec<&str>| names.iter().filter(|name| kin.contains(name)).count();
+            let is_first = !kins.iter().any(|kin| 2 * shared(kin) > names.len().max(kin.len()));
+            let is_early = rank < MOST_OTHERS || is_first && kins.len() <= MOST_OTHERS;
+            let is_worth = lead.gain > if is_early { AS_PROMISING } else { NO_LESS } * gain;
+            if is_worth {
+                if is_first { &mut firsts } else { &mut kin }.push(lead);
+            }
+            if is_first {
+                kins.push(names);
+            }
+        }
+        firsts.into_iter().chain(kin)
     }
 
     /// How many numbers a form has; what belongs to each log counts for each.
@@ -614,7 +645,7 @@ impl Fits<'_> {
             let most = NO_RIVAL * fit.found.data_cost;
             // At the noise a form of many more numbers says nothing that one of few does not, unless the best has as many.
             let numbers = most_numbers.max(self.numbers(lead.form) + FEW_MORE);
-            for other in others(own.0, own.1, leads, lead.gain).filter(|other| self.numbers(other.form) <= numbers) {
+            for other in self.others(own, leads, lead.gain).filter(|other| self.numbers(other.form) <= numbers) {
                 *fit = better(fit.clone(), self.fit_of(other, most));
             }
         }
@@ -628,16 +659,6 @@ impl Fits<'_> {
 /// The lead of an effect in a form.
 fn in_form<'l>(leads: &'l [Lead], (id, form): (&str, &str)) -> Option<&'l Lead> {
     leads.iter().find(|lead| (lead.effect.id(), lead.form.name) == (id, form))
-}
-
-/// Leads of the same effect in other forms that promise as much as the `gain` of its own: a few of them, and those that no score tells from
-/// the best.
-fn others<'l>(id: &'l str, form: &'l str, leads: &'l [Lead], gain: f64) -> impl Iterator<Item = &'l Lead> {
-    let same = leads.iter().filter(move |lead| lead.effect.id() == id && lead.form.name != form);
-    let is_worth = move |(rank, lead): &(usize, &Lead)| {
-        lead.gain > if *rank < MOST_OTHERS { AS_PROMISING } else { NO_LESS } * gain
-    };
-    same.enumerate().filter(is_worth).map(|(_, lead)| lead)
 }
 
 /// `leads` and one more, unless it is among them.

@@ -11,9 +11,10 @@ const ABOUT: About = About {
     what: "After a step the displacement goes on for seconds, along the logarithm of time.",
     equation: "C_c v_c' = alpha q' - v_c / R_c, one or more hysterons without a dead zone; C_c, R_c: capacitance and \
                resistance of an element, v_c: its voltage, q: displacement, alpha: transduction, tau = R_c C_c. With a \
-               constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade. Or y = q + sum s_i (r_i + e |r_i| \
-               + c r_i |r_i|), T_i r_i' = q - r_i, T_i from 8 ms to 5 s and larger by a factor on the way back; s_i: shares, e: more on one \
-               side, c: growing with the stroke",
+               constant ratio of the time constants they add up to y = y0 (1 + g log10(t / 0.1 s)), g per decade. Or \
+               y = q + sum s_i (r_i + e |r_i| + c r_i |r_i|), T_i r_i' = q - r_i, T_i from 8 ms to 5 s and larger by a \
+               factor on the way back, or three in a constant ratio; s_i: shares, e: more on one side, c: growing with \
+               the stroke",
     source: "logarithmic law with g = 0.01 .. 0.02 a decade: PI catalogue (piezo fundamentals, creep); chain of \
              relaxing elements: common form, size assumed",
     typical: "1 to 5 % of the stroke over the first minutes",
@@ -28,6 +29,8 @@ const ABOUT: About = About {
 /// Time constants of the spectrum in seconds, and the names of the shares that relax with them.
 const SPECTRUM_S: [f64; 5] = [0.008, 0.04, 0.2, 1.0, 5.0];
 const SHARES: [&str; 5] = ["share_8ms", "share_40ms", "share_200ms", "share_1s", "share_5s"];
+/// Shares of a few elements in a constant ratio.
+const FEW_SHARES: [&str; 3] = ["fast_share", "middle_share", "slow_share"];
 /// Elements of the logarithmic form, and the factor between their time constants.
 const ELEMENTS: i32 = 4;
 
@@ -108,6 +111,25 @@ const FORMS: &[Form] = &[
         |_| shares().to_vec(),
         |chain, p| {
             chain.parts.creep.extend(spectrum(p));
+        },
+    ),
+    Form::predictable(
+        "spectrum-of-3",
+        // Few elements whose time constants lie between those of the fixed ones.
+        |scales| {
+            let slowest_s = longest_s(scales).max(0.1);
+            FEW_SHARES
+                .map(|name| Parameter::amplitude(name, "", [0.0, 0.5], 0.003))
+                .into_iter()
+                .chain([
+                    Parameter::shape("time_constant_s", "s", [2e-3, slowest_s], vec![0.01, 0.05]),
+                    Parameter::shape("time_constant_ratio", "", [1.5, 100.0], vec![10.0]),
+                ])
+                .collect()
+        },
+        |chain, p| {
+            let elements = (0..FEW_SHARES.len()).map(|i| Relaxation::even(p[i], p[3] * p[4].powi(i as i32)));
+            chain.parts.creep.extend(elements);
         },
     ),
     Form::predictable(
