@@ -90,14 +90,18 @@ pub fn descend(
     // Sums with sensitivities, and the steps since these were taken.
     let taken = |z: &[f64], sensitivities| (evaluate(bench, hypothesis, z, sensitivities, simulations), 0);
     let (mut normal, mut carried) = taken(&z, Sensitivities::Thinned);
+    // Whether the sums are of squares alone, where all rows come next; and whether none do.
+    let (mut is_bare, mut is_given_up) = (false, false);
     for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
         let last = index + 1 >= stages.len();
         if sensitivities == Sensitivities::All {
-            if is_beyond(&normal, FAR) {
+            if is_given_up || is_beyond(&normal, FAR) {
                 break;
             }
             (normal, carried) = taken(&z, sensitivities);
+            is_bare = false;
         }
+        let are_all_next = phases.get(index + 1).is_some_and(|(_, next)| *next != sensitivities);
         let steps = if last { LAST_STEPS } else { STEPS };
         // Where the start is what is to be found, nothing holds it.
         let is_free = last || hypothesis.freedom == Freedom::Any;
@@ -105,6 +109,7 @@ pub fn descend(
         let problem = Problem { bench, hypothesis, rules: &rules, sensitivities, simulations };
         for number in 0..steps {
             if last && number >= FIRST_STEPS && normal.cost(&noise) > to_beat {
+                is_given_up = true;
                 break;
             }
             let weights = weights(&normal, &noise, softness);
@@ -126,11 +131,18 @@ pub fn descend(
             };
             let gains_little = gained <= little;
             let is_over = gains_little && (carried == 0 || !last);
-            // Nothing ends on sensitivities that were carried on.
             let is_last_step = last && number + 1 == steps;
             let is_as_promised = step.cost < AS_PROMISED * step.promised;
-            let may_carry = is_as_promised && carried + 1 < CARRIED && !gains_little && !is_last_step;
-            (normal, carried) = match step.carried.filter(|_| may_carry) {
+            if are_all_next && (is_over || is_last_step) {
+                (normal, is_bare) = (step.there, true);
+                break;
+            }
+            // Nothing ends on sensitivities that were carried on, but over a last step that gained little from where they were taken.
+            let may_carry = match last && (is_over || is_last_step) {
+                true => gains_little && carried == 0,
+                false => carried + 1 < CARRIED && !gains_little,
+            };
+            (normal, carried) = match step.carried.filter(|_| may_carry && is_as_promised) {
                 Some(next) => (next, carried + 1),
                 None => taken(&z, sensitivities),
             };
@@ -138,6 +150,9 @@ pub fn descend(
                 break;
             }
         }
+    }
+    if is_bare {
+        (normal, _) = taken(&z, Sensitivities::Thinned);
     }
     let (data_cost, prior_cost) = (normal.cost(&noise), prior_cost(&rules, &z, bench.free.len()));
     Found { data_cost, prior_cost, z, normal: normal.settled() }
