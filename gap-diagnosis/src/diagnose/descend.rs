@@ -140,7 +140,7 @@ pub fn descend(
             // Nothing ends on sensitivities that were carried on, but over a last step that gained little from where they were taken.
             let may_carry = match last && (is_over || is_last_step) {
                 true => gains_little && carried == 0,
-                false => carried + 1 < CARRIED && !(last && gains_little),
+                false => carried + 1 < CARRIED && !gains_little,
             };
             (normal, carried) = match step.carried.filter(|_| may_carry && is_as_promised) {
                 Some(next) => (next, carried + 1),
