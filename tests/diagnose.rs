@@ -611,17 +611,17 @@ fn a_locked_log_is_led_by_the_others() {
     assert!((of("shrink_percent") - of("predicted_shrink_percent")).abs() < 2.0, "{}", found["gap"]);
 }
 
-/// Beside numbers that the refit has bent the screening shows a sensor's lag of second order as one of first: a delay was named with 99 %.
+/// Beside numbers that the refit has bent the screening shows a sensor's lag of second order as one of first, or it leaves a hair less with them than at
+/// home: a delay was named with 99 %.
 #[test]
 fn a_lag_of_another_order_is_no_delay() {
-    if !is_long("a lag of second order") {
-        return;
+    for seed in asked([16_883_571_265_036_970_817, 4_156_571_029_139_274_309]) {
+        let subject = Subject::Effects(vec![EffectId::SensorBandwidth]);
+        let found = diagnosis_of_calibrate(&format!("diagnose-order-{seed}"), seed, subject);
+        let set90 = found["set90"].as_array().expect("a set");
+        let holds = |id: &str| set90.iter().any(|other| other == id);
+        assert!(holds("sensor_bandwidth") && !holds("transport_delay"), "{}", found["ranking"]);
     }
-    let subject = Subject::Effects(vec![EffectId::SensorBandwidth]);
-    let found = diagnosis_of_calibrate("diagnose-order", 4_156_571_029_139_274_309, subject);
-    let set90 = found["set90"].as_array().expect("a set");
-    let holds = |id: &str| set90.iter().any(|other| other == id);
-    assert!(holds("sensor_bandwidth") && !holds("transport_delay"), "{}", found["ranking"]);
 }
 
 /// A sensor's curve with a kink at zero and a gain by side are one curve: nothing measured tells them apart, and neither is preferred.

@@ -471,7 +471,11 @@ impl Fits<'_> {
     /// best are fitted from where that ended as well, with the numbers of their own, or, where the best is at the noise, with a form of the same
     /// numbers, as a mass on a mount and a mode that is attached have.
     fn kin(&self, fits: &mut Vec<Candidate>) {
-        let Some(best) = fits.first().filter(|best| self.left(best) < PAIR_BEYOND).cloned() else { return };
+        let Some(first) = fits.first().filter(|first| self.left(first) < PAIR_BEYOND) else { return };
+        // Of several at the noise the best is not the one that bends numbers most: it leaves a hair less.
+        let cost = |fit: &&Candidate| fit.found.data_cost + fit.found.prior_cost;
+        let at_noise = fits.iter().filter(|fit| fit.chi < AT_NOISE);
+        let best = at_noise.min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or(first).clone();
         let Some(own) = best.hypothesis.installed.last() else { return };
         let is_at_noise = best.chi < AT_NOISE;
         // Numbers that are bent much more than the best one's are where a search happened to end as well.
