@@ -529,6 +529,24 @@ fn a_log_begins_as_those_that_were_fitted_do() {
     assert!(shrink > 97.0 && (shrink - predicted).abs() < 2.0, "{shrink} against {predicted} % predicted");
 }
 
+/// Hysterons that hold the same in all logs are as good as a zero, and a form that is not quite what is on the bench bent them to its needs: of 97 % that were
+/// predicted 73 came, and of 86 % two.
+#[test]
+fn starts_at_rest_are_kept_where_they_leave_hardly_more() {
+    let cases = [
+        (EffectId::NonlinearStiffness, 10_755_974_996_307_768_233),
+        (EffectId::SensorDrift, 9_709_501_373_515_782_445),
+    ];
+    for (effect, seed) in asked(cases) {
+        let found =
+            diagnosis_of_calibrate(&format!("diagnose-rest-{}", effect.id()), seed, Subject::Effects(vec![effect]));
+        assert_eq!(list(&found["effects"]), [effect.id()], "{}", found["ranking"]);
+        let of = |key: &str| found["gap"][key].as_f64().expect("a percentage");
+        let (shrink, predicted) = (of("shrink_percent"), of("predicted_shrink_percent"));
+        assert!(shrink > 90.0 && (shrink - predicted).abs() < 5.0, "{shrink} against {predicted} % predicted");
+    }
+}
+
 /// Two logs are too few to tell how a third begins, and its first stretch leaves that open.
 #[test]
 fn a_start_that_nothing_tells_is_warned_of() {

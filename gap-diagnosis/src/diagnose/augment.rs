@@ -2,7 +2,9 @@
 
 use super::bench::{Bench, Record};
 use super::descend::{covariance, descend, left_out_m2};
+use super::directions::FREED_BESIDES;
 use super::explanation::Explanation;
+use super::fits::AS_WELL;
 use super::hypothesis::Freedom;
 use super::plants::{self, Begun, Benches, Played, Spread, Variant, carry};
 use super::random::Random;
@@ -12,7 +14,7 @@ use super::starts::reach;
 use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
 use nalgebra::{DMatrix, DVector, DVectorView};
-use plant_sim::effects::{Parameter, Scope, find};
+use plant_sim::effects::{Kind, Parameter, Scope, find};
 use plant_sim::model::Model;
 use plant_sim::param::Param;
 use serde::Serialize;
@@ -24,6 +26,8 @@ const NO_PRIOR: f64 = 10.0;
 const AGAIN: [f64; 2] = [3.0, 0.0];
 /// Mean square in units of the noise below which a fit is worth more accuracy than the search's.
 const NEAR: f64 = 1.2;
+/// Starts at rest may leave this share more of what a fit leaves above the noise: so much its form may be wrong by.
+const PART_OF_MISFIT: f64 = 0.3;
 /// Below this sigma, as a logarithm, a plant is linear in its numbers.
 const LINEAR: f64 = 1e-3;
 /// Share of the largest variance that is none.
@@ -97,7 +101,9 @@ pub(super) fn augment(
         if named.is_some() && !has_gap(&base) {
             base = search.polish_from(base, &nominal(search));
         }
-        return Augmented::by_fit(search, finely(search, || fine, base), freed, random);
+        let base = finely(search, || fine, base);
+        let base = if named.is_some() { from_rest(search, base) } else { base };
+        return Augmented::by_fit(search, base, freed, random);
     }
     let mut model = bench.model.clone();
     let (mut hypothesis, mut z) = (base.hypothesis.clone(), base.found.z.clone());
@@ -126,7 +132,21 @@ pub(super) fn augment(
         bench.free.iter().zip(&found.z).map(|(free, z)| if is_wrong(free.quantity) { *z } else { 0.0 }).collect();
     let candidate = come_home(&search, search.candidate(hypothesis, found), &home);
     let candidate = finely(&search, || plants::fine(&model, bench.records.clone()), candidate);
-    Augmented::by_fit(&search, candidate, freed, random)
+    Augmented::by_fit(&search, from_rest(&search, candidate), freed, random)
+}
+
+/// `fit` from starts at rest, if it leaves hardly more and bends no number there: what hysterons hold alike in all logs is as good as a zero until one of them
+/// reaches its edge, and then goes astray; a form that is not quite what is on the bench finds some for it to do.
+fn from_rest(search: &Search<'_>, fit: Candidate) -> Candidate {
+    if fit.hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+        return fit;
+    }
+    let Some((resting, z)) = fit.hypothesis.at_rest(search.bench, &fit.found.z) else { return fit };
+    let found = descend(search.bench, &resting, z, &AGAIN, f64::INFINITY, search.simulations);
+    let rest = search.candidate(fit.hypothesis.clone(), found);
+    let hardly_more = (AS_WELL - 1.0).max(PART_OF_MISFIT * (fit.chi - 1.0));
+    let is_as_well = rest.chi - fit.chi < hardly_more;
+    if is_as_well && rest.found.prior_cost < fit.found.prior_cost + FREED_BESIDES { rest } else { fit }
 }
 
 /// A fit near the noise whose laws the search followed coarsely, as the bench of `fine` follows them, which is not made for others.

@@ -16,8 +16,6 @@ const ENOUGH: usize = 3;
 const LEAST_HELD: f64 = 0.01;
 /// Logarithm of the odds below which a hysteron did not rest when logs began: those that tell nothing have even odds.
 const AGAINST: f64 = -0.5;
-/// Width of what hysterons at rest hold.
-const NOTHING: f64 = 1e-6;
 
 impl Hypothesis {
     /// This for another log: of what belongs to each log it has what the logs of `bench` have at `z` in the mean. Where its first stretch tells it, give
@@ -106,10 +104,21 @@ impl Hypothesis {
         let memories = bench.memories(self);
         let of = |i: usize| if memories.contains(&i) { of_hysteron(i) } else { None };
         let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of).collect();
-        let nothing = Held { mean: 0.0, width: NOTHING, against_nothing: 0.0 };
-        let usually_held = charged.iter().map(|charged| charged.map(|_| nothing)).collect();
+        let usually_held = charged.iter().map(|charged| charged.map(|_| Held::NOTHING)).collect();
         let probability = charged.into_iter().flatten().reduce(f64::max)?;
         Some((Self { usually_held, ..self.clone() }, probability))
+    }
+
+    /// This where all hysterons that may hold something when a log begins hold nothing, and its coordinates `z` there; none where none may.
+    pub fn at_rest(&self, bench: &Bench<'_>, z: &[f64]) -> Option<(Self, Vec<f64>)> {
+        let memories = bench.memories(self);
+        let usually_held =
+            (0..self.held_count(bench)).map(|i| memories.contains(&i).then_some(Held::NOTHING)).collect();
+        let mut there = z.to_vec();
+        for log in 0..bench.records.len() {
+            memories.iter().for_each(|memory| there[bench.own_start(self, log) + 1 + memory] = 0.0);
+        }
+        (!memories.is_empty()).then(|| (Self { usually_held, ..self.clone() }, there))
     }
 
     /// Hysterons that may hold something when a log begins.
@@ -167,6 +176,9 @@ fn is_told(covariance: &DMatrix<f64>, rules: &[Rule], place: usize) -> bool {
 }
 
 impl Held {
+    /// What a hysteron at rest holds.
+    const NOTHING: Self = Self { mean: 0.0, width: 1e-6, against_nothing: 0.0 };
+
     /// Of logs with these coordinates and variances, by how much more they differ than these explain (DerSimonian and Laird 1986).
     fn of(logs: &[[f64; 2]]) -> Option<Self> {
         let telling: Vec<[f64; 2]> = logs.iter().filter(|[_, variance]| variance.is_finite()).copied().collect();
