@@ -14,7 +14,7 @@ use super::starts::reach;
 use super::symmetry::{Freed, directions};
 use crate::identify::parameters::{Quantity, Scale};
 use nalgebra::{DMatrix, DVector, DVectorView};
-use plant_sim::effects::{Kind, Parameter, Scope, find};
+use plant_sim::effects::{Parameter, Scope, find};
 use plant_sim::model::Model;
 use plant_sim::param::Param;
 use serde::Serialize;
@@ -102,7 +102,7 @@ pub(super) fn augment(
             base = search.polish_from(base, &nominal(search));
         }
         let base = finely(search, || fine, base);
-        let base = if named.is_some() { from_rest(search, base) } else { base };
+        let base = if named.is_some() { kept_at_rest(search, base) } else { base };
         return Augmented::by_fit(search, base, freed, random);
     }
     let mut model = bench.model.clone();
@@ -132,13 +132,13 @@ pub(super) fn augment(
         bench.free.iter().zip(&found.z).map(|(free, z)| if is_wrong(free.quantity) { *z } else { 0.0 }).collect();
     let candidate = come_home(&search, search.candidate(hypothesis, found), &home);
     let candidate = finely(&search, || plants::fine(&model, bench.records.clone()), candidate);
-    Augmented::by_fit(&search, from_rest(&search, candidate), freed, random)
+    Augmented::by_fit(&search, kept_at_rest(&search, candidate), freed, random)
 }
 
 /// `fit` from starts at rest, if it leaves hardly more and bends no number there: what hysterons hold alike in all logs is as good as a zero until one of them
 /// reaches its edge, and then goes astray; a form that is not quite what is on the bench finds some for it to do.
-fn from_rest(search: &Search<'_>, fit: Candidate) -> Candidate {
-    if fit.hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+fn kept_at_rest(search: &Search<'_>, fit: Candidate) -> Candidate {
+    if fit.hypothesis.has_start() {
         return fit;
     }
     let Some((resting, z)) = fit.hypothesis.at_rest(search.bench, &fit.found.z) else { return fit };

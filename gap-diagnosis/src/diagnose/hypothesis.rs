@@ -169,9 +169,8 @@ impl Hypothesis {
     pub fn keeping(&self, keep: impl Fn(usize, &Installed) -> bool) -> Self {
         let kept = self.installed.iter().enumerate().filter(|(place, installed)| keep(*place, installed));
         let installed: Vec<Installed> = kept.map(|(_, installed)| installed.clone()).collect();
-        let has_start = installed.iter().any(|installed| installed.form.kind == Kind::Start);
-        let freedom = if has_start { self.freedom } else { self.own_freedom };
-        Self { installed, freedom, usually_held: self.usually_held.clone(), ..Self::nominal(self.own_freedom) }
+        let kept = Self { installed, usually_held: self.usually_held.clone(), ..Self::nominal(self.own_freedom) };
+        if kept.has_start() { Self { freedom: self.freedom, ..kept } } else { kept }
     }
 
     /// This with one form more.
@@ -200,6 +199,11 @@ impl Hypothesis {
     /// Parameters of its forms.
     pub fn parameters(&self) -> usize {
         self.installed.iter().map(|installed| installed.axes.len()).sum()
+    }
+
+    /// Whether one of its forms is how logs start.
+    pub fn has_start(&self) -> bool {
+        self.installed.iter().any(|installed| installed.form.kind == Kind::Start)
     }
 
     /// Identifiers of its effects.

@@ -14,7 +14,7 @@ use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, cheaper};
 use super::spread::{Scattered, scattered};
 use super::symmetry::{Freed, RARER, Shifts, freed, unexplained};
-use plant_sim::effects::{Kind, REGISTRY};
+use plant_sim::effects::REGISTRY;
 
 /// Chi-square that a comparison of two fits resolves.
 pub(super) const RESOLVED: f64 = 20.0;
@@ -99,9 +99,10 @@ pub fn course(search: &Search<'_>, freedom: Freedom, without: &[&str], say: Say<
         fit.left(&course.refit, 1.0) < MUCH_BETTER && !fit.hypothesis.installed.is_empty() && has_gap(&course.refit)
     };
     // What a fit with states of its own at the start has found, starts in equilibrium may reach as well, if they are sought anew with its numbers.
-    let is_of_starts = |fit: &Candidate| fit.hypothesis.installed.iter().any(|i| i.form.kind == Kind::Start);
     let again = best.filter(shows_better).map(|fit| match search.refit_again(&course.refit, fit) {
-        again if is_of_starts(fit) => come_home(search, search.resettled(again, &fit.found.z, &[]), &nominal(search)),
+        again if fit.hypothesis.has_start() => {
+            come_home(search, search.resettled(again, &fit.found.z, &[]), &nominal(search))
+        }
         again => again,
     });
     let is_better = |again: &Candidate| again.left(&course.refit, 1.0) < MUCH_BETTER;

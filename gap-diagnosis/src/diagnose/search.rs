@@ -120,7 +120,7 @@ impl Search<'_> {
         let hypothesis = &candidate.hypothesis;
         let [least, times] = if hypothesis.installed.is_empty() {
             [LOCKED_LEAST, LOCKED_REFIT]
-        } else if hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+        } else if hypothesis.has_start() {
             [LOCKED_START; 2]
         } else {
             [LOCKED_LEAST, LOCKED]
@@ -291,7 +291,7 @@ impl Search<'_> {
         self.bench.set_last(&hypothesis, &mut z, &lead.values);
         if from_nominal {
             z[..self.bench.free.len()].fill(0.0);
-            if hypothesis.installed.iter().any(|installed| installed.form.kind == Kind::Start) {
+            if hypothesis.has_start() {
                 // What the wrong numbers made of the starts says little.
                 self.settle(&hypothesis, &mut z);
             }
