@@ -346,6 +346,12 @@ impl<'a> Bench<'a> {
         at..at + self.start_count(hypothesis)
     }
 
+    /// Which of them say what the hysterons hold, in their order: none where logs begin relaxed.
+    pub(super) fn held_places(&self, hypothesis: &Hypothesis, index: usize) -> Range<usize> {
+        let at = self.own_start(hypothesis, index) + 1;
+        at..at + if hypothesis.freedom == Freedom::Relaxed { 0 } else { self.hysterons(hypothesis) }
+    }
+
     /// Coordinates of log `index` that its first stretch tells: those of the start, then the forms' own.
     pub(super) fn told_by_start(&self, hypothesis: &Hypothesis, index: usize) -> Vec<usize> {
         let axes = hypothesis.installed.iter().flat_map(|installed| &installed.axes);
@@ -408,27 +414,28 @@ impl<'a> Bench<'a> {
             Rule { centre: 0.0, sigma: 1.0, bounds: [-3.0, 3.0], most: 1.0, step: 1e-3 },
         );
         for (index, record) in self.records.iter().enumerate() {
-            let at = self.own_start(hypothesis, index);
+            let (at, held) = (self.own_start(hypothesis, index), self.held_places(hypothesis, index));
             if hypothesis.freedom != Freedom::Relaxed {
                 // In volts.
                 let [before_v, sigma_v] = record.before_v;
                 let bounds = [before_v - 3.0 * self.drive_v, before_v + 3.0 * self.drive_v];
                 let step = 1e-4 * self.drive_v;
                 rules[at] = Rule { centre: before_v, sigma: sigma_v, bounds, most: self.drive_v, step };
-                for i in (0..self.hysterons(hypothesis)).filter(|i| self.reach(*i, before_v)[0] < 1.0) {
-                    rules[at + 1 + i].sigma = SELDOM;
+                for (i, rule) in rules[held.clone()].iter_mut().enumerate() {
+                    if self.reach(i, before_v)[0] < 1.0 {
+                        rule.sigma = SELDOM;
+                    }
                 }
             }
             if hypothesis.freedom == Freedom::Any {
-                let moving = at + 1 + self.hysterons(hypothesis);
-                let moving = moving..moving + 2 + 2 * self.modes(hypothesis);
-                for rule in &mut rules[at + 1..moving.end] {
+                let moving = held.end..held.end + 2 + 2 * self.modes(hypothesis);
+                for rule in &mut rules[held.start..moving.end] {
                     (rule.bounds, rule.sigma) = ([-30.0, 30.0], 3.0);
                 }
                 // What moves is linear in them, or nearly so.
                 rules[moving].iter_mut().for_each(|rule| rule.most = 10.0);
             }
-            for (rule, usual) in rules[at..].iter_mut().skip(1).zip(&hypothesis.usually_held) {
+            for (rule, usual) in rules[held].iter_mut().zip(&hypothesis.usually_held) {
                 if let Some(Held { mean, width, .. }) = *usual {
                     (rule.centre, rule.sigma) = (mean, width.min(rule.sigma));
                 }

@@ -58,10 +58,13 @@ impl Hypothesis {
     /// says so.
     fn held(&self, bench: &Bench<'_>, z: &[f64]) -> Vec<Option<Held>> {
         let of_hysteron = |i: usize| {
-            let of_log = |(log, variances): (usize, &Vec<f64>)| [z[bench.own_start(self, log) + 1 + i], variances[i]];
+            let of_log = |(log, variances): (usize, &Vec<f64>)| {
+                let held = bench.held_places(self, log).start;
+                [z[held + i], variances[i]]
+            };
             Held::of(&self.variances_of_held.iter().enumerate().map(of_log).collect::<Vec<_>>())
         };
-        (0..self.held_count(bench)).map(of_hysteron).collect()
+        (0..bench.held_places(self, 0).len()).map(of_hysteron).collect()
     }
 
     /// This where it is known how well each log tells what hysterons hold, by the `covariance` of its coordinates.
@@ -71,10 +74,7 @@ impl Hypothesis {
             // What is hardly better known than beforehand is what was thought beforehand.
             if is_told(covariance, &rules, place) { covariance[(place, place)] } else { f64::INFINITY }
         };
-        let of_log = |log: usize| {
-            let at = bench.own_start(&self, log) + 1;
-            (at..at + self.held_count(bench)).map(variance).collect()
-        };
+        let of_log = |log: usize| bench.held_places(&self, log).map(variance).collect();
         self.variances_of_held = (0..bench.records.len()).map(of_log).collect();
         self
     }
@@ -85,7 +85,8 @@ impl Hypothesis {
     pub fn resting(&self, bench: &Bench<'_>, z: &[f64], covariance: &DMatrix<f64>) -> Option<(Self, f64)> {
         let rules = bench.rules(self);
         let of_hysteron = |i: usize| {
-            let places: Vec<usize> = (0..bench.records.len()).map(|log| bench.own_start(self, log) + 1 + i).collect();
+            let places: Vec<usize> =
+                (0..bench.records.len()).map(|log| bench.held_places(self, log).start + i).collect();
             let log_odds = |places: &[usize]| {
                 let known = DMatrix::from_fn(places.len(), places.len(), |i, j| {
                     let least = if i == j { LEAST_HELD.powi(2) } else { 0.0 };
@@ -103,7 +104,7 @@ impl Hypothesis {
         };
         let memories = bench.memories(self);
         let of = |i: usize| if memories.contains(&i) { of_hysteron(i) } else { None };
-        let charged: Vec<Option<f64>> = (0..self.held_count(bench)).map(of).collect();
+        let charged: Vec<Option<f64>> = (0..bench.held_places(self, 0).len()).map(of).collect();
         let usually_held = charged.iter().map(|charged| charged.map(|_| Held::NOTHING)).collect();
         let probability = charged.into_iter().flatten().reduce(f64::max)?;
         Some((Self { usually_held, ..self.clone() }, probability))
@@ -112,18 +113,14 @@ impl Hypothesis {
     /// This where all hysterons that may hold something when a log begins hold nothing, and its coordinates `z` there; none where none may.
     pub fn at_rest(&self, bench: &Bench<'_>, z: &[f64]) -> Option<(Self, Vec<f64>)> {
         let memories = bench.memories(self);
-        let usually_held =
-            (0..self.held_count(bench)).map(|i| memories.contains(&i).then_some(Held::NOTHING)).collect();
+        let count = bench.held_places(self, 0).len();
+        let usually_held = (0..count).map(|i| memories.contains(&i).then_some(Held::NOTHING)).collect();
         let mut there = z.to_vec();
         for log in 0..bench.records.len() {
-            memories.iter().for_each(|memory| there[bench.own_start(self, log) + 1 + memory] = 0.0);
+            let held = &mut there[bench.held_places(self, log)];
+            memories.iter().for_each(|memory| held[*memory] = 0.0);
         }
         (!memories.is_empty()).then(|| (Self { usually_held, ..self.clone() }, there))
-    }
-
-    /// Hysterons that may hold something when a log begins.
-    fn held_count(&self, bench: &Bench<'_>) -> usize {
-        if bench.start_count(self) > 0 { bench.hysterons(self) } else { 0 }
     }
 
     /// Coordinates `z` of the logs of `bench` where each has of what no first stretch tells what the others let expect.
@@ -302,7 +299,7 @@ mod tests {
         let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![0.0; 400], ..Log::default() };
         let bench = Bench::new(&model, vec![record(&log, &model.chain(), None); 3]);
         let hypothesis = Hypothesis::nominal(Freedom::Rest);
-        let place = |log: usize, hysteron: usize| bench.own_start(&hypothesis, log) + 1 + hysteron;
+        let place = |log: usize, hysteron: usize| bench.held_places(&hypothesis, log).start + hysteron;
         let (mut z, size) = (bench.origin(&hypothesis), bench.coordinates(&hypothesis));
         let rules = bench.rules(&hypothesis);
         let mut covariance = DMatrix::from_fn(size, size, |i, j| if i == j { rules[i].sigma.powi(2) } else { 0.0 });
@@ -339,7 +336,7 @@ mod tests {
         assert_eq!(bench.memories(&hypothesis), [0, 1]);
         let anywhere = Hypothesis { freedom: Freedom::Any, ..hypothesis.clone() };
         assert_eq!(bench.memories(&anywhere).len(), bench.hysterons(&hypothesis));
-        let place = |log: usize, hysteron: usize| bench.own_start(&hypothesis, log) + 1 + hysteron;
+        let place = |log: usize, hysteron: usize| bench.held_places(&hypothesis, log).start + hysteron;
         let (mut z, rules) = (bench.origin(&hypothesis), bench.rules(&hypothesis));
         let sigma2 = |i: usize| rules[i].sigma.min(10.0).powi(2);
         let mut covariance = DMatrix::from_fn(z.len(), z.len(), |i, j| if i == j { sigma2(i) } else { 0.0 });
