@@ -20,12 +20,12 @@
 //! | `sine:A@F` | [`Segment::sine`] | A sin(2 pi F t) | goes on |
 //! | `triangle:A@F` | [`Segment::triangle`] | in step with the sine: 0, A at a quarter period, 0, -A | goes on |
 //! | `sweep:A@F0-F1Hz/S` | [`Segment::linear_sweep`] | A sin(2 pi (F0 t + (F1 - F0) t^2 / (2 S))) | 0 |
-//! | - | [`Segment::log_sweep`] | A sin(2 pi F0 S / ln q (q^(t/S) - 1)), q = F1 / F0 | 0 |
+//! | `sweep:A@F0-F1Hz/S,log` | [`Segment::log_sweep`] | A sin(2 pi F0 S / ln q (q^(t/S) - 1)), q = F1 / F0 | 0 |
 //! | `ladder:A/N,hold=S` | [`Segment::ladder`] | A/N, 2A/N, ... A, then (N-1)A/N, ... A/N, 0; each for S | 0 |
 //! | `decaying-sine:A@F/S` | [`Segment::decaying_sine`] | A (1 - t / S) sin(2 pi F t), for demagnetising a loop | 0 |
 //! | `multisine`, `file` | [`Segment::table`] | the table's sample, again from its start when used up | goes on |
 //!
-//! `sweep` in a SPEC is the linear one: its spectrum is flat per hertz, as the identification of a line of modes wants it, and it
+//! A `sweep` without `,log` is the linear one: its spectrum is flat per hertz, as the identification of a line of modes wants it, and it
 //! is what `sweep:20V@1-2000Hz/4s` reads like. The logarithmic one costs the board only one more 64-bit product.
 
 use crate::sine::{sine_of_phase, triangle_of_phase};

@@ -39,10 +39,10 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The reference clamp when a controller file states none: 20 um below the displacement that may break the bender.
+    /// A reference clamp for examples and tests: 20 um below the displacement that may break the thesis' bender. Controller files state their own.
     pub const DEFAULT_REFERENCE_MAX_M: f32 = 100e-6;
 
-    /// The trip when a controller file states none: the displacement at which the bender may break (120 um).
+    /// A trip for examples and tests: the displacement at which the thesis' bender may break (120 um). Controller files state their own.
     pub const DEFAULT_TRIP_M: f32 = 120e-6;
 
     /// Plain PI with feedforward and no guard at all, for reproducing published simulations; see [`Settings::is_unlimited`].
