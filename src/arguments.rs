@@ -100,6 +100,11 @@ impl Command {
         }
     }
 
+    /// Whether what it writes is a CSV whatever its name.
+    pub fn writes_csv(&self) -> bool {
+        matches!(self, Command::Simulate(_) | Command::Replay(_) | Command::Board(BoardCommand::Run(_)))
+    }
+
     /// Every file that the command reads.
     pub fn inputs(&self) -> Vec<&Path> {
         match self {
@@ -182,7 +187,9 @@ A SPEC is one of these, its amplitude in um (reference) or V (command):
   ladder:60V/8,hold=2s  file:PATH[,unit=V]
   multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
 or several of them joined by + into a sequence.
-`,for=2s` limits a part (but a sweep, a decaying-sine, a ladder), `,shaped` bounds its rate and acceleration.")]
+`,for=2s` limits a part (but a sweep, a decaying-sine, a ladder). `,shaped` on
+any part bounds rate and acceleration of all. Rise, overshoot and settling are
+told of a lone step, gain and phase of a lone sine.")]
 pub struct SimulateCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
@@ -199,7 +206,7 @@ pub struct SimulateCall {
     #[arg(long, value_name = "D", default_value = "10", value_parser = not_negative, allow_negative_numbers = true)]
     pub delay_us: f64,
     /// Leave the feedforward out
-    #[arg(long)]
+    #[arg(long, conflicts_with = "command")]
     pub no_feedforward: bool,
     /// Seed of the sensor's noise
     #[arg(long, default_value_t = 1)]
@@ -258,7 +265,7 @@ pub struct IdentifyCall {
     )]
     pub model: Option<String>,
     /// Fit every kind and rank them by what was never fitted: --held-out logs, or the last 30 % of each log; --out gets the best
-    #[arg(long, conflicts_with_all = ["model", "hysterons"])]
+    #[arg(long, conflicts_with_all = ["model", "hysterons", "order"])]
     pub compare: bool,
     /// With --compare: logs that are never fitted; their first 30 % tells how they start, and the rest ranks
     #[arg(long, value_name = "LOG", num_args = 1.., requires = "compare")]
@@ -363,7 +370,11 @@ Limits and shaping are those of --controller, or of controllers/pi1.toml
 within the plant's [rig].")]
 pub struct DesignCall {
     /// Check the controller instead of designing one; --out gets the findings as JSON
-    #[arg(long, requires = "controller")]
+    #[arg(
+        long,
+        requires = "controller",
+        conflicts_with_all = ["settle_ms", "overshoot", "step_um", "gain_margin_db", "phase_margin_deg", "inverse"]
+    )]
     pub check: bool,
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]

@@ -56,6 +56,12 @@ impl Failure {
         Self { code: NO_RESULT, message: message.into() }
     }
 
+    /// The same, of this file.
+    #[must_use]
+    pub fn about(self, path: &Path) -> Self {
+        Self { message: format!("{}: {}", path.display(), self.message), ..self }
+    }
+
     /// A failure to write `path`.
     pub fn unwritable(path: &Path, error: &std::io::Error) -> Self {
         Self::call(format!("{}: cannot be written: {error}; name another place", path.display()))

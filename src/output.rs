@@ -1,6 +1,6 @@
 //! What every command shows in the same way: progress, tables on the terminal, pages, provenance.
 
-use crate::arguments::{Command, Show};
+use crate::arguments::{BoardCommand, Command, Show};
 use crate::failure::Failure;
 use gap_diagnosis::page::Page;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -51,7 +51,7 @@ pub fn facts(facts: &[(String, String)]) {
 }
 
 /// `text` with a true minus and powers of ten as scripts can read them: 1.5×10⁻⁹ is 1.5e-9.
-fn ascii(text: &str) -> String {
+pub fn ascii(text: &str) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let plain = |c: char| match c {
         '\u{2212}' | '⁻' => '-',
@@ -83,6 +83,11 @@ pub fn page_path(show: &Show, out: &Path) -> Option<PathBuf> {
     }
     let beside = || (!is_special(out)).then(|| out.with_extension("html"));
     show.page.clone().or_else(beside)
+}
+
+/// Where the report of a board's run goes: beside its log, LOG.board.json, and beside a device or a pipe nowhere.
+pub fn report_path(out: &Path) -> Option<PathBuf> {
+    (!is_special(out)).then(|| out.with_extension("board.json"))
 }
 
 /// The bytes of a file that a call names.
@@ -132,6 +137,12 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
     };
     let page = show.and_then(|show| page_path(show, out));
     check_place(out, "--out", command.inputs())?;
+    check_kind(command, out)?;
+    if let Command::Board(BoardCommand::Run(_)) = command
+        && let Some(report) = report_path(out)
+    {
+        check_place(&report, "another --out", command.inputs())?;
+    }
     if let Some(page) = &page {
         if is_special(page) {
             return Err(Failure::call(format!("{}: is no file; name another page with --page", page.display())));
@@ -143,6 +154,20 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
             )));
         }
         check_place(page, "--page", command.inputs())?;
+    }
+    Ok(())
+}
+
+/// Refuses a log's place that would say that it is of another kind than it is.
+fn check_kind(command: &Command, out: &Path) -> Result<(), Failure> {
+    let end = out.extension().map(|end| end.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if command.writes_csv() && ["mat", "npy", "parquet", "mf4", "toml", "json"].contains(&end.as_str()) {
+        let name = out.with_extension("csv");
+        return Err(Failure::call(format!(
+            "{}: what is written is CSV: name {} with --out, and make another kind of it with `hysteron export`",
+            out.display(),
+            name.display()
+        )));
     }
     Ok(())
 }
@@ -159,7 +184,11 @@ fn check_place(path: &Path, argument: &str, inputs: Vec<&Path>) -> Result<(), Fa
         return refuse("may not be written; make it writable or name another file");
     }
     match folder(path).metadata() {
-        Ok(found) if found.is_dir() => Ok(()),
+        Ok(found) if found.is_dir() => {
+            // Only to write says whether one may; nothing of it stays. A device or a pipe is opened when it is written to.
+            let writable = if is_special(path) { Ok(()) } else { whole_file::try_beside(path) };
+            writable.map_err(|error| Failure::unwritable(path, &error))
+        }
         Ok(_) => refuse(&format!("{} is not a directory; name another place", folder(path).display())),
         Err(_) => refuse(&format!("the directory {} is not there; make it or name another", folder(path).display())),
     }

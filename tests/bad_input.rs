@@ -314,6 +314,7 @@ fn wrong_specs() {
         ("multisine:20V", "needs a band of frequencies, as in `multisine:20V@1-2000Hz`"),
         ("multisine:20V@1-9Hz,periods=0", "periods and realisations must be between 1 and 100000 together"),
         ("hold:20V,for=5", "time \"5\" needs its unit, s or ms"),
+        ("sine:60V@10", "\"10\" needs its unit: Hz of a frequency, s or ms of a time"),
         ("step:80V,odd", "unknown option \"odd\", or given twice"),
         ("file:", "needs a path, as in `file:reference.csv`"),
     ] {
@@ -333,6 +334,11 @@ fn wrong_specs() {
             "multisine:20V@1-10000Hz",
             "SPEC part \"multisine\": the highest line 10000 Hz must lie below half the rate, 10000 Hz",
         ),
+        // There it is zero at every sample.
+        ("sine:20V@10000Hz", "SPEC part \"sine\": its 10000 Hz must lie below half the rate, 10000 Hz"),
+        ("triangle:20V@10000Hz", "SPEC part \"triangle\": its 10000 Hz must lie below half the rate, 10000 Hz"),
+        ("square:20V@10001Hz", "SPEC part \"square\": its 10001 Hz must not be above half the rate, 10000 Hz"),
+        ("sweep:20V@1-10001Hz/1s", "SPEC part \"sweep\": its 10001 Hz must not be above half the rate, 10000 Hz"),
         (
             "multisine:20V@1-2000Hz,realisations=5000",
             "SPEC part \"multisine\": 100000000 samples of up to 2000 lines are too many to make: lower the rate, the realisations or the highest line",
@@ -351,6 +357,15 @@ fn wrong_specs() {
         3,
         "SPEC part \"file\": @/wave.txt, line 5: \"3,0\" is not a number; a reference file has one number per line",
     );
+    // A number that is mistyped is no header.
+    for first in ["1O", "nan", "10 V", "1e400"] {
+        bench.folder.write("wave.txt", format!("\u{feff}{first}\n20\n30\n"));
+        bench.refused(
+            &open_loop("file:@/wave.txt,unit=V", "20000", "0.01"),
+            3,
+            &format!("SPEC part \"file\": @/wave.txt, line 1: {first:?} is not a number; a reference file has one number per line"),
+        );
+    }
     bench.refused(&open_loop("step:80um", "20000", "0.01"), 2, "--command is a voltage: give its amplitudes in V");
     bench.refused(
         &closed_loop(PI1, "step:80V", "20000", "0.01"),
@@ -404,6 +419,32 @@ fn wrong_numbers() {
         2,
         "--scale displacement: 0 cannot be used; give a finite number other than zero",
     );
+    bench.refused(
+        &format!("replay --plant {PLANT} @/good.csv --scale force=2 --out @/out.csv"),
+        3,
+        "@/good.csv: no column `force_N` (force); it has time_s, command_V, displacement_um; map one with --columns force=NAME",
+    );
+    for (model, option) in [
+        ("transfer-function", "--mass-kg 0.05"),
+        ("transfer-function", "--hysterons 3"),
+        ("bouc-wen", "--hysterons 3"),
+        ("bouc-wen-static", "--mass-kg 0.05"),
+        ("phs", "--order 4,3"),
+    ] {
+        let name = option.split(' ').next().unwrap_or_default();
+        bench.refused(
+            &format!("identify --model {model} @/good.csv {option} --out @/out.toml"),
+            2,
+            &format!("{name} means nothing to --model {model}: leave it out"),
+        );
+    }
+    for name in ["out.mat", "out.npy", "out.toml"] {
+        bench.refused(
+            &format!("replay --plant {PLANT} @/good.csv --out @/{name}"),
+            2,
+            &format!("@/{name}: what is written is CSV: name @/out.csv with --out, and make another kind of it with `hysteron export`"),
+        );
+    }
     bench.refused(
         &format!("replay --plant {PLANT} @/good.csv --columns force=1,colour=x --out @/out.csv"),
         2,
@@ -634,12 +675,12 @@ fn an_unstable_loop_is_refused_and_a_thin_margin_said() {
     bench.refused(
         &format!("{} --delay-us 100", closed_loop(PI1, "step:80um", "20000", "0.01")),
         2,
-        "unstable: spectral radius 1.0251 (hysteron 1 active); 20 kHz with 12 us at most from sampling to drive would do: gain margin 6.0 dB in the worst region",
+        "controllers/pi1.toml: unstable: spectral radius 1.0251 (hysteron 1 active); 20 kHz with 12 us at most from sampling to drive would do: gain margin 6.0 dB in the worst region",
     );
     let output = run(&bench.folder, &closed_loop(PI1, "step:80um", "10000", "0.01"));
     assert_eq!(
         succeeded(&output),
-        "warning: stable, but the gain margin is 2.4 dB, below 6 dB (hysteron 1 active); 20 kHz with 10 us as asked would do: gain margin 6.5 dB in the worst region\n"
+        "warning: controllers/pi1.toml: stable, but the gain margin is 2.4 dB, below 6 dB (hysteron 1 active); 20 kHz with 10 us as asked would do: gain margin 6.5 dB in the worst region\n"
     );
     // With room enough nothing is said.
     assert_eq!(succeeded(&run(&bench.folder, &closed_loop(PI1, "step:80um", "40000", "0.01"))), "");

@@ -56,6 +56,26 @@ fn limits_of_another_stage_are_told() {
 }
 
 #[test]
+fn a_controller_with_limits_of_another_stage_is_refused_or_told() {
+    let folder = Folder::new("design-rig");
+    let text = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    folder.write("small.toml", small(&text).replace("drive_max_V = { value = 90.0", "drive_max_V = { value = 50.0"));
+    let trip = "the displacement trip of 120 um lies above [rig] displacement_max_um = 30: set it to 30 um at the most";
+    let drive =
+        "the drive limits of -90 to 90 V reach beyond [rig] drive_min_V = -90 and drive_max_V = 50: set them within";
+    let given = format!("--plant @/small.toml --controller {PI1}");
+    let output = run(&folder, &format!("design {given} {WISH} --step-um 20 --out @/own.toml"));
+    let said = stderr(&output);
+    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+    assert!(said.contains(&format!("pi1.toml: {trip}; {drive}")), "{said}");
+    assert!(!folder.path("own.toml").exists());
+    let said = succeeded(&run(&folder, &format!("design --check {given} --rate 20000 --no-page --out @/c.json")));
+    for words in [trip, drive, "the worst peak, 101."] {
+        assert!(said.contains(words), "{said}");
+    }
+}
+
+#[test]
 fn a_check_says_where_the_edges_are_and_refuses_beyond_them() {
     let folder = Folder::new("design-check");
     let call =
@@ -69,12 +89,22 @@ fn a_check_says_where_the_edges_are_and_refuses_beyond_them() {
     assert!(stdout(&output).contains("certified: from every state"));
     let output = run(&folder, &call((lowest * 0.99) as u32));
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).lines().last().expect("an error").starts_with("hysteron: unstable: spectral radius 1."));
+    assert!(
+        stderr(&output)
+            .lines()
+            .last()
+            .expect("an error")
+            .starts_with("hysteron: controllers/pi1.toml: unstable: spectral radius 1.")
+    );
 }
 
 #[test]
 fn what_cannot_be_designed_is_said_in_one_line() {
     let folder = Folder::new("design-wrong");
+    let plant = std::fs::read_to_string(root().join(PLANT)).expect("a plant of the project");
+    let (before, hysterons) = plant.split_at(plant.find("[[actuator.hysteron]]").expect("hysterons"));
+    let (one, after) = hysterons.split_at(2 + hysterons[2..].find("\n[").expect("another section"));
+    folder.write("seven.toml", format!("{before}{}{after}", format!("{one}\n").repeat(6)));
     let cases = [
         (format!("design --plant {PLANT} --settle-ms 0.2 --out @/x.toml"), 4, "can't settle in 0.200 ms"),
         (format!("design --plant {PLANT} --settle-ms 1.2 --out @/x.toml"), 4, "the nearest settles in"),
@@ -90,6 +120,16 @@ fn what_cannot_be_designed_is_said_in_one_line() {
             "--inverse inverts hysterons",
         ),
         (format!("design --check --plant {PLANT} --out @/x.json"), 2, "--controller"),
+        (
+            format!("design --check --plant {PLANT} --controller {PI1} --settle-ms 1 --out @/x.json"),
+            2,
+            "'--check' cannot be used with '--settle-ms <MS>'",
+        ),
+        (
+            "design --plant @/seven.toml --inverse --out @/x.toml".to_owned(),
+            2,
+            "--inverse inverts at most 6 hysterons, and --plant has 7",
+        ),
         (
             format!("diagnose --plant models/thesis-bouc-wen.toml {PLANT} --out @/d"),
             2,

@@ -193,6 +193,18 @@ fn set_to(folder: &Folder, board: &str) -> serde_json::Value {
     json(&stdout(&output))["parameters"].take()
 }
 
+#[test]
+fn a_reference_beyond_the_clamp_is_told_as_limited() {
+    let folder = Folder::new("hil-limited");
+    let line = call("in-process", "run").replace("step:80um", "sine:200um@10Hz").replace("0.05", "0.02") + " --json";
+    let output = run(&folder, &line);
+    let said = json(&stdout(&output));
+    assert!(said["limited_samples"].as_u64().is_some_and(|n| (100..400).contains(&n)), "{said}");
+    let words = format!("limits acted in {} of 400 samples: reference clamp", said["limited_samples"]);
+    assert!(stderr(&output).contains(&words), "{}", stderr(&output));
+    assert_eq!(json(&folder.read("run/link.json"))["limited_samples"], said["limited_samples"]);
+}
+
 /// Whatever ends a call, its controller's limits are none of the next one's: an open loop would have them for the board's own.
 #[test]
 fn a_board_has_its_own_limits_again_after_a_refusal_a_fault_and_a_run() {

@@ -245,6 +245,24 @@ fn a_board_has_its_own_limits_again_after_a_refusal() {
     assert_eq!(own["drive_max_v"], 90.0);
 }
 
+/// Who has narrowed a board's own limits may think that they hold in closed loop as well.
+#[test]
+fn a_controller_of_wider_limits_than_the_boards_own_is_told() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("record-wider");
+    let (_server, place) = served(&image, &["--pace", "lockstep"]);
+    let at = format!("--board tcp:{place} --patience-ms 60000");
+    let record = |out: &str| {
+        let line = format!("record {at} --plant {PLANT} --controller {PI1} --spec step:5um@0.01s --out @/{out}");
+        succeeded(&run(&folder, &line))
+    };
+    assert!(!record("a").contains("its limits"));
+    succeeded(&run(&folder, &format!("board parameters {at} --set drive_min_v=-40 --set drive_max_v=40")));
+    let said = record("b");
+    let words = "pi1.toml: its limits, -90 to 90 V and 120.00 um, hold in closed loop in place of the board's narrower ones, -40 to 40 V and 120.00 um";
+    assert!(said.contains(words), "{said}");
+}
+
 /// Of a log that was not begun nothing can be said to be its end.
 #[test]
 fn a_fault_while_demagnetising_is_told_as_such() {
@@ -323,6 +341,11 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
         (closed.clone(), 2, "step:40um@0.1s is a displacement: give --controller"),
         (format!("{closed} --controller controllers/pi1-unlimited.toml"), 2, "must be finite on a board"),
         (format!("{closed} --controller {PI1} --controller @/pi1.toml"), 2, "two are called pi1"),
+        (
+            format!("{good} --controller {PI1}"),
+            2,
+            "--controller: nothing that is played is a reference, in um: leave it out",
+        ),
         (format!("{closed} --controller {PI1} --rate 10000 --plant @/none.toml"), 2, "--plant"),
         (call("--set thesis", "run"), 2, "nothing but loops: give --controller"),
         (call("--set other", "run"), 2, "thesis or diagnosis"),
@@ -343,6 +366,17 @@ fn what_cannot_be_is_one_line_with_its_code_and_leaves_no_run() {
             call("--set thesis", "run").replace(PLANT, "@/narrow.toml") + " --controller " + PI1,
             2,
             "decaying-sine:60V@8Hz/1s: it would take the stage to 87 um",
+        ),
+        // In closed loop it is the controller's limits that hold.
+        (
+            format!("{closed} --controller {PI1}").replace(PLANT, "@/narrow.toml"),
+            2,
+            "pi1.toml: the displacement trip of 120 um lies above [rig] displacement_max_um = 60: set it to 60 um at the most",
+        ),
+        (
+            format!("{closed} --controller {PI1}").replace(PLANT, "@/unipolar.toml"),
+            2,
+            "pi1.toml: the drive limits of -90 to 90 V reach beyond [rig] drive_min_V = -20 and drive_max_V = 90: set them within",
         ),
         (call("--spec file:@/none.csv,unit=V", "run"), 3, "none.csv cannot be read"),
         (

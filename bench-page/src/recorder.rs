@@ -40,8 +40,7 @@ pub struct Recorder {
     rate_hz: f64,
     directory: RunDirectory,
     events: File,
-    lost: Vec<usize>,
-    peak_m: f64,
+    outcome: Outcome,
 }
 
 impl Recorder {
@@ -72,7 +71,7 @@ impl Recorder {
         let directory = RunDirectory::create(path, &facts)?;
         let events_path = path.join("events.jsonl");
         let events = File::create(&events_path).map_err(|source| RunError::Unwritable { path: events_path, source })?;
-        Ok(Recorder { path: path.to_owned(), rows: 0, rate_hz, directory, events, lost: Vec::new(), peak_m: 0.0 })
+        Ok(Recorder { path: path.to_owned(), rows: 0, rate_hz, directory, events, outcome: Outcome::default() })
     }
 
     /// Appends a row at `now`, the link's time.
@@ -83,9 +82,11 @@ impl Recorder {
         let own = Row { index: self.rows, ..*row };
         self.directory.row(&own, now, statistics)?;
         if row.is_lost {
-            self.lost.push(self.rows);
+            self.outcome.lost.push(self.rows);
+        } else {
+            self.outcome.limited.count(row.limited_by);
         }
-        self.peak_m = self.peak_m.max(row.displacement_m.abs());
+        self.outcome.peak_m = self.outcome.peak_m.max(row.displacement_m.abs());
         self.rows += 1;
         Ok(())
     }
@@ -113,7 +114,7 @@ impl Recorder {
     /// # Errors
     /// [`RunError`].
     pub fn finish(self, statistics: &Statistics, fault: Option<control_core::FaultCode>) -> Result<(), RunError> {
-        let outcome = Outcome { lost: self.lost, fault, peak_m: self.peak_m, overruns: 0 };
+        let outcome = Outcome { fault, ..self.outcome };
         self.directory.finish(statistics, &outcome)
     }
 }

@@ -8,6 +8,7 @@ use crate::link::Link;
 use crate::session::{Board, Session, SessionError};
 use control_core::{AdcCode, DacCode, FaultCode, Limits, ModeName, Settings};
 use plant_sim::experiment::{Bench, Setup};
+use plant_sim::metrics::Limited;
 use virtual_board::waveform::Waveform;
 use wire::{Checked, InputSource, ParameterError, Parameters, Status, ToBoard};
 
@@ -89,7 +90,9 @@ pub struct Outcome {
     pub overruns: usize,
     /// The fault that the board ended in.
     pub fault: Option<FaultCode>,
-    /// Largest magnitude of the true displacement at any sample, metres.
+    /// What held drive or reference back.
+    pub limited: Limited,
+    /// Largest magnitude of the displacement at any sample, metres: of a simulated plant the true one, on a board's own pins what its sensor read.
     pub peak_m: f64,
 }
 
@@ -333,6 +336,8 @@ pub(crate) fn play<L: Link, E>(
         outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
         if row.is_lost {
             outcome.lost.push(index);
+        } else {
+            outcome.limited.count(row.limited_by);
         }
         if let Err(error) = on_row(session, &row) {
             // The first failure is the one to tell.

@@ -150,6 +150,7 @@ impl Record<'_> {
             }
             let row = self.row(index, sample);
             self.outcome.peak_m = self.outcome.peak_m.max(row.displacement_m.abs());
+            self.outcome.limited.count(row.limited_by);
             on_row(&row)?;
             let is_safe = mode == ModeName::Fault as u8 && row.command_v == 0.0;
             if is_safe || index + 1 == self.samples {

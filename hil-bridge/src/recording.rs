@@ -190,6 +190,7 @@ impl Recording {
                 "lost_samples": growing.lost,
                 "lost_samples_total": outcome.lost.len(),
                 "overruns": outcome.overruns,
+                "limited_samples": outcome.limited.samples,
                 "peak_um": outcome.peak_m * 1e6,
                 "fault": outcome.fault.map_or("none", |fault| fault.word()),
                 "is_complete": true,

@@ -193,6 +193,7 @@ impl RunDirectory {
         if let Some(outcome) = outcome {
             value["lost_samples_total"] = outcome.lost.len().into();
             value["overruns"] = outcome.overruns.into();
+            value["limited_samples"] = outcome.limited.samples.into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
         }

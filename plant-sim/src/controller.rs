@@ -224,8 +224,11 @@ impl Controller {
     }
 
     /// The plant's inverse for a loop at `rate_hz` whose drive acts `delay_s` after the sample; `None` if the file has none.
-    pub fn inverse(&self, rate_hz: f64, delay_s: f64) -> Option<Inverse> {
-        self.inverse.as_ref().and_then(|section| section.build(rate_hz, delay_s).ok())
+    ///
+    /// # Errors
+    /// What can't be inverted at that rate.
+    pub fn inverse(&self, rate_hz: f64, delay_s: f64) -> Result<Option<Inverse>, control_core::SettingsError> {
+        self.inverse.as_ref().map(|section| section.build(rate_hz, delay_s)).transpose()
     }
 
     /// Every record with its key.

@@ -1,5 +1,6 @@
 //! What a run is judged by: fit percent and rms for a replay, step and sine figures for a loop.
 
+use control_core::Limits;
 use std::f64::consts::TAU;
 
 /// Root of the mean square.
@@ -48,7 +49,8 @@ impl Score {
         if self.rows == 0.0 { 0.0 } else { (self.residual_square / self.rows + mean * mean).sqrt() }
     }
 
-    /// Fit percent, 100 (1 - ||y - yhat|| / ||y - mean(y)||); minus infinity where the measurement is constant.
+    /// Fit percent, 100 (1 - ||y - yhat|| / ||y - mean(y)||); minus infinity where the measurement is constant; NaN where
+    /// nothing is left of it either, and without rows.
     pub fn fit_percent(&self, free_offset: bool) -> f64 {
         let spread_m = (self.measured_square / self.rows).sqrt();
         100.0 * (1.0 - self.rms_m(free_offset) / spread_m)
@@ -81,6 +83,42 @@ pub struct LoopMetrics {
     pub limited_samples: usize,
     /// Samples in which the reference was shaped.
     pub shaped_samples: usize,
+}
+
+/// What held a run's drive or reference back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Limited {
+    /// Samples in which a limit, the clamp or the trip acted.
+    pub samples: usize,
+    /// Samples in which the reference was shaped: its rate and acceleration are bounded in normal work, which is no limit.
+    pub shaped_samples: usize,
+    /// All limits that acted.
+    pub limits: Limits,
+}
+
+impl Limited {
+    const SHAPING: Limits = Limits::REFERENCE_RATE.union(Limits::REFERENCE_ACCELERATION);
+
+    /// Of a run whose samples were limited by these.
+    pub fn of(samples: impl IntoIterator<Item = Limits>) -> Self {
+        let mut limited = Self::default();
+        samples.into_iter().for_each(|limits| limited.count(limits));
+        limited
+    }
+
+    /// Counts one sample.
+    pub fn count(&mut self, limited_by: Limits) {
+        let limits = Limits::from_bits(limited_by.bits() & !Self::SHAPING.bits());
+        self.samples += usize::from(!limits.is_empty());
+        self.shaped_samples += usize::from(limited_by.intersects(Self::SHAPING));
+        self.limits |= limits;
+    }
+
+    /// One line for people where a limit acted in a run of `samples`: it was not what was asked for.
+    pub fn warning(&self, samples: usize) -> Option<String> {
+        let words = self.limits.words().collect::<Vec<_>>().join(", ").replace('_', " ");
+        (self.samples > 0).then(|| format!("limits acted in {} of {samples} samples: {words}", self.samples))
+    }
 }
 
 /// What the metrics are to be computed for.

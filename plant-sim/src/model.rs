@@ -223,19 +223,15 @@ pub enum BeyondRig {
 }
 
 impl RigSection {
-    /// Whether a loop with these settings stays within the rig: its guard's trip, and the limits of its drive.
-    ///
-    /// # Errors
-    /// What lies beyond.
-    pub fn check(&self, settings: &Settings) -> Result<(), BeyondRig> {
+    /// Where a loop with these settings may go beyond the rig: by its guard's trip, and by the limits of its drive.
+    pub fn beyond(&self, settings: &Settings) -> Vec<BeyondRig> {
         let most_um = self.displacement_max_um.value;
         let trip_um = seven_digits(f64::from(settings.trip_m) / MICRO);
         let is_guarded = trip_um <= most_um + slack(most_um);
-        if !is_guarded {
-            return Err(BeyondRig::Trip { trip_um, most_um });
-        }
         let limits_v = [settings.drive_min_v, settings.drive_max_v].map(|v| seven_digits(f64::from(v)));
-        if self.stands(limits_v) { Ok(()) } else { Err(BeyondRig::Drive { limits_v, rig_v: self.drive_v() }) }
+        let trip = (!is_guarded).then_some(BeyondRig::Trip { trip_um, most_um });
+        let drive = (!self.stands(limits_v)).then(|| BeyondRig::Drive { limits_v, rig_v: self.drive_v() });
+        trip.into_iter().chain(drive).collect()
     }
 
     /// Lowest and highest drive that it stands.
@@ -564,11 +560,14 @@ mod tests {
         for [low_v, high_v, most_um] in [[-90.0, 90.0, 120.0], [-0.1, 0.7, 0.3], [-33.3, 66.6, 1e-3]] {
             let rig = RigSection { drive_min_v: of(low_v), drive_max_v: of(high_v), displacement_max_um: of(most_um) };
             let mut settings = Settings::unlimited(20e3, 0.0, 0.0, 0.0);
-            assert!(matches!(rig.check(&settings), Err(BeyondRig::Trip { trip_um: f64::INFINITY, .. })));
+            assert!(matches!(
+                rig.beyond(&settings)[..],
+                [BeyondRig::Trip { trip_um: f64::INFINITY, .. }, BeyondRig::Drive { .. }]
+            ));
             settings.trip_m = (most_um * 1e-6) as f32;
-            assert!(matches!(rig.check(&settings), Err(BeyondRig::Drive { .. })));
+            assert!(matches!(rig.beyond(&settings)[..], [BeyondRig::Drive { .. }]));
             (settings.drive_min_v, settings.drive_max_v) = (low_v as f32, high_v as f32);
-            assert_eq!(rig.check(&settings), Ok(()));
+            assert_eq!(rig.beyond(&settings), []);
             // A part in 1e5 more is no rounding.
             let beyond = [
                 Settings { trip_m: settings.trip_m * 1.00001, ..settings },
@@ -577,7 +576,7 @@ mod tests {
                 Settings { trip_m: f32::NAN, ..settings },
             ];
             for settings in beyond {
-                let line = rig.check(&settings).unwrap_err().to_string();
+                let line = rig.beyond(&settings).first().expect("something").to_string();
                 assert!(line.contains("[rig]") && line.contains("set ") && !line.contains('\n'), "{line}");
             }
         }

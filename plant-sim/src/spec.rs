@@ -399,6 +399,9 @@ impl When {
     fn parse(text: &str) -> Result<Self, String> {
         let (frequency, time) = text.split_once('/').map_or((text, None), |(f, t)| (f, Some(t)));
         let Some(frequency) = frequency.trim().strip_suffix("Hz") else {
+            if number(text).is_ok() {
+                return Err(format!("{text:?} needs its unit: Hz of a frequency, s or ms of a time"));
+            }
             return parse_time(text).map(|seconds| Self::Time { seconds });
         };
         let seconds = time.map(parse_time).transpose()?;
@@ -566,7 +569,8 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
     let text = read_text(path)?;
     let mut samples = Vec::new();
     let mut header_allowed = true;
-    for (index, line) in text.lines().enumerate() {
+    // Windows' programs begin a text with a byte order mark.
+    for (index, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
@@ -578,7 +582,7 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
                 }
                 samples.push(value);
             }
-            _ if header_allowed && line.chars().any(char::is_alphabetic) => {}
+            _ if header_allowed && is_header(line) => {}
             _ => {
                 let shown: String = line.chars().take(40).collect();
                 return Err(format!(
@@ -595,6 +599,11 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
     } else {
         Ok(samples)
     }
+}
+
+/// Whether a first line is a column's name and not a number that is mistyped, too large or none.
+fn is_header(line: &str) -> bool {
+    line.starts_with(|first: char| first.is_alphabetic() || "_\"'".contains(first)) && line.parse::<f32>().is_err()
 }
 
 /// The text of a file, in bounded time and memory.

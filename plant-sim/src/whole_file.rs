@@ -19,6 +19,14 @@ pub fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
+/// Whether [`write`] could begin a file at `path`; nothing of it stays.
+///
+/// # Errors
+/// As [`WholeFile::create`].
+pub fn try_beside(path: &Path) -> io::Result<()> {
+    WholeFile::create(path).map(drop)
+}
+
 /// A file that takes its name when it is complete, and vanishes otherwise.
 #[derive(Debug)]
 pub struct WholeFile {

@@ -82,7 +82,7 @@ fn inverting_the_hysterons_pays_in_tracking() {
     let with_inverse = |of: &Chain, on: &Chain| {
         let mut inverted = own.clone();
         inverted.inverse = Some(InverseSection::of(of, "test"));
-        let inverse = inverted.inverse(RATE_HZ, DELAY_S);
+        let inverse = inverted.inverse(RATE_HZ, DELAY_S).expect("few hysterons");
         tracking(&Frame { inverse: inverse.as_ref(), ..frame(on, &inverted, RATE_HZ) }).expect("run")
     };
     let plain = errors(&own);

@@ -49,6 +49,11 @@ fn a_missing_column_names_those_there_are() {
         refusal(&text),
         "bench.csv: no column `time_s` (time); it has t, command_V, displacement_um; map one with --columns time=NAME or give --rate HZ"
     );
+    let text = (HEADER.to_owned() + &good(20).concat()).replace(',', " ");
+    assert_eq!(
+        refusal(&text),
+        "bench.csv: no column `command_V` (command); it has one column, time_s command_V displacement_um, since a comma, a semicolon or a tab parts columns and blanks do not; map one with --columns command=NAME"
+    );
     let mut options = ReadOptions::default();
     options.columns.insert("force".into(), "F".into());
     assert_eq!(

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use plant_sim::log::{self, Column, Hold, Log, Meta, ReadOptions, RowReader, Writer};
+use plant_sim::log::{self, Column, Hold, Log, LogError, Meta, ReadOptions, RowReader, Writer};
 use proptest::prelude::*;
 
 /// A directory of this test, removed at its end.
@@ -238,13 +238,20 @@ fn units_come_from_the_name_and_the_option_goes_before_it() {
         if let Some(scale) = scale {
             options.scale.insert("displacement".into(), scale);
         }
-        let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)
-            .and_then(RowReader::into_log)
-            .expect("read");
+        let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)?.into_log()?;
         assert_eq!(log.dt_s, 1e-3);
-        log.displacement_m[0]
+        Ok::<f64, LogError>(log.displacement_m[0])
     };
+    // A unit that is none of metres is not taken for micrometres.
+    let refused = read("pos_cm", None).expect_err("centimetres").to_string();
+    assert!(
+        refused.contains("cm is not a unit that is known by its name") && refused.contains("--scale displacement=")
+    );
+    assert!(read("sensor [V]", None).is_err() && read("y_counts", None).is_err());
+    assert_eq!(read("pos_cm", Some(1e-2)).expect("read"), 2e-2);
+    let read = |name: &str, scale: Option<f64>| read(name, scale).expect("read");
     assert_eq!(read("y", None), 2e-6);
+    assert_eq!([read("y [nm]", None), read("y (m)", None), read("y [filtered]", None)], [2e-9, 2.0, 2e-6]);
     assert_eq!(read("y_um", None), 2e-6);
     assert_eq!(read("y_m", None), 2.0);
     assert_eq!(read("y_mm", None), 2e-3);

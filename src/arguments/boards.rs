@@ -64,11 +64,12 @@ pub struct HilCall {
     --controller controllers/pi1.toml --controller controllers/pi2.toml --out loops
   hysteron record --board virtual --image nucleo-g474re \\
     --plant models/thesis-phs.toml --spec sine:60V@10Hz,for=1s --out run
-A reference in um runs every controller given; a command in V drives open loop,
-within the board's limits. A set demagnetises before each of its experiments.
-run/ holds run.json, copies of the files that were read, link.json, and log.csv
-or 01-NAME.csv, ...: logs that replay, identify and diagnose take as they are,
-readable while they grow. In process the bench is --plant itself.")]
+A reference in um runs every controller given, within that controller's limits;
+a command in V drives open loop, within the board's own. A set demagnetises
+before each of its experiments. run/ holds run.json, copies of the files that
+were read, link.json, and log.csv or 01-NAME.csv, ...: logs that replay,
+identify and diagnose take as they are, readable while they grow. In process
+the bench is --plant itself.")]
 pub struct RecordCall {
     #[command(flatten)]
     pub at: BoardArguments,
@@ -84,7 +85,7 @@ pub struct RecordCall {
     /// Controller, a controller file, for what is a reference; may be given several times
     #[arg(long, value_name = "C.toml")]
     pub controller: Vec<PathBuf>,
-    /// Plant, a model file: kept with the run. Loops that are unstable with it and drives that take it beyond what its rig stands are refused. The bench of a virtual board, and in process
+    /// Plant, a model file: kept with the run. Refused are loops that are unstable with it, controllers whose limits lie beyond its rig's, and drives that take it there. The bench of a virtual board, and in process
     #[arg(long, value_name = "P.toml")]
     pub plant: Option<PathBuf>,
     /// Samples per second of the loop; must divide the board's clock

@@ -2,18 +2,20 @@
 
 use crate::arguments::BoardRunCall;
 use crate::commands::link::in_fault;
+use crate::commands::loops::judge;
 use crate::failure::Failure;
 use crate::output;
 use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
+use hil_bridge::link::Place;
 use hil_bridge::session::is_ours;
 use plant_sim::controller::Controller;
-use plant_sim::experiment::{Program, sampled_loop};
+use plant_sim::experiment::Program;
 use plant_sim::log::{Column, Meta, Writer};
-use plant_sim::margins::{Verdict, assess};
+use plant_sim::metrics::Limited;
 use plant_sim::model::Model;
 use plant_sim::spec::Unit;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use virtual_board::run::{Experiment, Report, run};
 use virtual_board::waveform::Waveform;
 use virtual_board::{BenchSettings, Image};
@@ -64,7 +66,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.drive.controller {
         let settings = settings(path, call.rate)?;
-        warnings.extend(loop_warnings(&settings, call.rate, LATENCY_S, &model)?);
+        warnings.extend(loop_warnings(path, &settings, call.rate, LATENCY_S, &model)?);
         parameters = parameters.with_settings(&settings);
     }
     let checked = parameters.check(&converters)?;
@@ -89,11 +91,13 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
             report.firmware
         ));
     }
+    let limited = Limited::of(report.streamed.iter().map(|sample| sample.limited_by));
+    warnings.extend(limited.warning(report.rows.len()));
     write_log(call, &report, &checked)?;
     output::warn(&warnings);
-    say(call, &report)?;
+    say(call, &report, &limited)?;
     match FaultCode::from_number(report.status.fault) {
-        Some(fault) => Err(in_fault(fault, &call.out)),
+        Some(fault) => Err(in_fault(fault, &call.out, &Place::Virtual)),
         None => Ok(()),
     }
 }
@@ -109,23 +113,26 @@ pub fn settings(path: &Path, rate_hz: f64) -> Result<Settings, Failure> {
     }
     let settings = controller.settings(rate_hz);
     Law::try_build(&settings).map_err(|error| Failure::call(format!("{}: {error}", path.display())))?;
+    if settings.is_unlimited() {
+        return Err(Failure::call(format!(
+            "{}: limits, clamp and trip must be finite on a board: give it [limits], [reference] and [guard] in place of `unlimited = true`",
+            path.display()
+        )));
+    }
     Ok(settings)
 }
 
-/// Refuses an unstable loop; what there is to warn of: small margins, and limits beyond what the rig stands.
-pub fn loop_warnings(settings: &Settings, rate_hz: f64, latency_s: f64, model: &Model) -> Result<Vec<String>, Failure> {
-    let chain = model.chain();
-    let law = sampled_loop(settings, rate_hz, latency_s, &chain);
-    let assessment = assess(&chain.linear_regions()?, &law)?;
-    let mut warnings = Vec::new();
-    match assessment.verdict {
-        Verdict::Unstable { .. } => return Err(Failure::call(assessment.to_string())),
-        Verdict::BelowSixDb { .. } => warnings.push(assessment.to_string()),
-        Verdict::Stable { .. } => {}
-    }
-    let beyond = model.rig.as_ref().and_then(|rig| rig.check(settings).err());
-    warnings.extend(beyond.map(|beyond| beyond.to_string()));
-    Ok(warnings)
+/// Refuses the loop of a controller file where it is unstable; what there is to warn of: small margins, and limits beyond what the rig stands.
+pub fn loop_warnings(
+    path: &Path,
+    settings: &Settings,
+    rate_hz: f64,
+    latency_s: f64,
+    model: &Model,
+) -> Result<Vec<String>, Failure> {
+    let (_, thin) = judge(path, settings, rate_hz, latency_s, &model.chain())?;
+    let beyond = model.rig.iter().flat_map(|rig| rig.beyond(settings));
+    Ok(thin.into_iter().chain(beyond.map(|beyond| format!("{}: {beyond}", path.display()))).collect())
 }
 
 fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<(), Failure> {
@@ -167,7 +174,7 @@ fn write_log(call: &BoardRunCall, report: &Report, checked: &Checked) -> Result<
 }
 
 /// The report, beside the log and on the terminal.
-fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
+fn say(call: &BoardRunCall, report: &Report, limited: &Limited) -> Result<(), Failure> {
     let (cost, status) = (&report.cost, &report.status);
     let mean = cost.total_instructions as f64 / cost.count.max(1) as f64;
     let fault = FaultCode::from_number(status.fault).map_or("none", FaultCode::word);
@@ -186,6 +193,8 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "ready_max_cycles": status.ready_max_cycles,
         "overruns": status.overruns,
         "lost_samples": status.lost_samples,
+        // Of a line that is too slow for all samples nothing is known of it.
+        "limited_samples": (!report.streamed.is_empty()).then_some(limited.samples),
         "bad_frames": status.bad_frames,
         "fault": fault,
         "running": status.mode == ModeName::Running as u8,
@@ -194,7 +203,7 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         "log": report.log,
         "measured_on_silicon": false,
     });
-    let path = report_path(call);
+    let path = output::report_path(&call.out);
     if let Some(path) = &path {
         output::save(path, format!("{value:#}\n").as_bytes())?;
     }
@@ -222,9 +231,4 @@ fn say(call: &BoardRunCall, report: &Report) -> Result<(), Failure> {
         output::line(&format!("report: {}", path.display()));
     }
     Ok(())
-}
-
-/// Beside the log: LOG.board.json. Beside a device or a pipe nowhere.
-fn report_path(call: &BoardRunCall) -> Option<PathBuf> {
-    (!output::is_special(&call.out)).then(|| call.out.with_extension("board.json"))
 }

@@ -155,7 +155,8 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
     } else {
         for e in &found {
             let rms = four_digits(e.rms_m * 1e6, "um");
-            output::line(&format!("  {} poles, {} zeros: rms {rms}, fit {:.3} %", e.order, e.zeros, percent(e)));
+            let told = format!("  {} poles, {} zeros: rms {rms}, fit {:.3} %", e.order, e.zeros, percent(e));
+            output::line(&output::ascii(&told));
         }
         output::line(&format!("model: {}", call.out.display()));
     }

@@ -1,8 +1,10 @@
 //! `hysteron design`: a controller from a wish, or `--check` of one.
 
 use crate::arguments::DesignCall;
+use crate::commands::loops::{advised, within_rig};
 use crate::failure::Failure;
 use crate::output;
+use control_core::{Inverse, MOST_HYSTERONS};
 use gap_diagnosis::page::{BodeView, DesignView, Ink, PlaneView, TableView, design_page, four_digits, pole};
 use plant_sim::controller::{Controller, InverseSection};
 use plant_sim::design::{
@@ -31,8 +33,9 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
         let Some(controller) = given else {
             return Err(Failure::call("--check needs a controller: give --controller"));
         };
-        let inverse = controller.inverse(call.rate, call.delay_us * 1e-6);
+        let inverse = inverse(&controller, path_of(call), call.rate, call.delay_us * 1e-6)?;
         let settings = controller.settings(call.rate);
+        warnings.extend(model.rig.iter().flat_map(|rig| rig.beyond(&settings)).map(|beyond| beyond.to_string()));
         let frame = Frame { chain: &chain, settings, delay_s: call.delay_us * 1e-6, inverse: inverse.as_ref() };
         return run_check(call, &model, &controller, &frame, &mut warnings);
     }
@@ -43,8 +46,11 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
     }
     let mut controller = match given {
         Some(controller) => controller,
-        None => within_rig(Controller::parse(LIKE, Path::new("controllers/pi1.toml"))?, &model),
+        None => bounded_by_rig(Controller::parse(LIKE, Path::new("controllers/pi1.toml"))?, &model),
     };
+    if let Some(rig) = &model.rig {
+        within_rig(path_of(call), rig, &controller.settings(call.rate))?;
+    }
     let source = format!("hysteron design on {}", output::file_name(&call.plant));
     let of = |value: f64| Param { value, sigma: None, sigma_abs: None, source: source.clone() };
     controller.feedforward_v_per_m = of(1.0 / chain.plant.static_gain_m_per_v());
@@ -53,9 +59,15 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
         if model.kind != Kind::Phs {
             return Err(Failure::call("--inverse inverts hysterons: give a plant of kind phs"));
         }
+        let n = chain.plant.hysterons.len();
+        if n > MOST_HYSTERONS {
+            return Err(Failure::call(format!(
+                "--inverse inverts at most {MOST_HYSTERONS} hysterons, and --plant has {n}, those of its effects included: leave it out, or fit fewer"
+            )));
+        }
         controller.inverse = Some(InverseSection::of(&chain, &source));
     }
-    let inverse = controller.inverse(call.rate, call.delay_us * 1e-6);
+    let inverse = inverse(&controller, &call.out, call.rate, call.delay_us * 1e-6)?;
     let settings = controller.settings(call.rate);
     let frame = Frame { chain: &chain, settings, delay_s: call.delay_us * 1e-6, inverse: inverse.as_ref() };
     let clamp_um = 1e6 * f64::from(settings.reference_max_m);
@@ -98,8 +110,19 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The file that the call's controller comes from.
+fn path_of(call: &DesignCall) -> &Path {
+    call.controller.as_deref().unwrap_or(Path::new("controllers/pi1.toml"))
+}
+
+/// The inverse that a controller file states, for a loop whose drive acts `delay_s` after the sample.
+pub fn inverse(controller: &Controller, path: &Path, rate_hz: f64, delay_s: f64) -> Result<Option<Inverse>, Failure> {
+    let wrong = |error| Failure::call(format!("{}, [inverse]: {error}", path.display()));
+    controller.inverse(rate_hz, delay_s).map_err(wrong)
+}
+
 /// Limits no wider than the rig stands; the guard at its displacement.
-fn within_rig(mut controller: Controller, model: &Model) -> Controller {
+fn bounded_by_rig(mut controller: Controller, model: &Model) -> Controller {
     let Some(rig) = &model.rig else { return controller };
     if let Some(limits) = &mut controller.limits {
         limits.min_v = rig.drive_min_v.clone();
@@ -123,6 +146,7 @@ fn provenance_table(call: &DesignCall) -> toml::Table {
     table.insert("delay_us".into(), call.delay_us.into());
     table.insert("settle_ms".into(), call.settle_ms.into());
     table.insert("overshoot_percent".into(), call.overshoot.into());
+    table.insert("step_um".into(), call.step_um.into());
     table.insert("gain_margin_dB".into(), call.gain_margin_db.into());
     table.insert("phase_margin_deg".into(), call.phase_margin_deg.into());
     table
@@ -414,6 +438,17 @@ fn run_check(
     if !matches!(found.assessment.verdict, Verdict::Stable { .. }) {
         warnings.push(found.assessment.to_string());
     }
+    if let (Some(rig), Some(worst)) = (&model.rig, found.peaks.first())
+        && worst.peak_m * 1e6 > rig.displacement_max_um.value
+    {
+        warnings.push(format!(
+            "the worst peak, {}, lies beyond [rig] displacement_max_um = {}: {} ({})",
+            four_digits(worst.peak_m * 1e6, "um"),
+            rig.displacement_max_um.value,
+            worst.scenario,
+            worst.plant
+        ));
+    }
     if let Some(peak) = found.peaks.iter().find(|peak| peak.tripped) {
         warnings.push(format!("the law trips: {} ({})", peak.scenario, peak.plant));
     }
@@ -438,7 +473,10 @@ fn run_check(
         output::save_page(&page, &path, call.show.json)?;
     }
     if unstable {
-        return Err(Failure::call(format!("{}", found.assessment)));
+        let law = frame.law(&frame.settings);
+        return Err(
+            Failure::call(advised(&found.assessment, &frame.chain.linear_regions()?, &law)?).about(path_of(call))
+        );
     }
     Ok(())
 }

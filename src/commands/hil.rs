@@ -70,7 +70,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let board = session.greet()?;
     let latency_s = if call.paced { paced::latency_s(call.rate) } else { board.latency_s() };
     let mut warnings = model.live_warnings();
-    warnings.extend(board::loop_warnings(&settings, call.rate, latency_s, &model)?);
+    warnings.extend(board::loop_warnings(controller, &settings, call.rate, latency_s, &model)?);
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     let own = session.parameters()?;
@@ -153,6 +153,9 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     if outcome.overruns > 0 {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
     }
+    if outcome.fault.is_none() {
+        warnings.extend(outcome.limited.warning(samples));
+    }
     warnings.extend(stays);
     output::warn(&warnings);
     if !call.json {
@@ -160,7 +163,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     say(call, &board, session.statistics(), Some((&outcome, samples, out)));
     match outcome.fault {
-        Some(fault) => Err(in_fault(fault, &out.join("log.csv"))),
+        Some(fault) => Err(in_fault(fault, &out.join("log.csv"), &call.at.board)),
         None => Ok(()),
     }
 }
@@ -200,6 +203,7 @@ fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Out
             value["samples"] = samples.into();
             value["lost_samples"] = outcome.lost.len().into();
             value["overruns"] = outcome.overruns.into();
+            value["limited_samples"] = outcome.limited.samples.into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
         }

@@ -3,7 +3,7 @@
 use crate::arguments::IdentifyCall;
 use crate::failure::Failure;
 use crate::output;
-use gap_diagnosis::identify::{self, Fit, From, LogFit, Options, Verdict};
+use gap_diagnosis::identify::{self, Fit, From, Hysterons, LogFit, Options, Verdict};
 use gap_diagnosis::page::{FittedLog, FittedParameter, IdentifyView, Ink, Page, StartView, four_digits, identify_page};
 use gap_diagnosis::responses::{Played, responses};
 use plant_sim::log::{self, Log};
@@ -36,6 +36,7 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
         return super::compare::compare(call);
     }
     let kind = call.model.as_deref().unwrap_or_default();
+    refuse_unused(call, kind)?;
     if kind == "transfer-function" {
         return super::compare::transfer_function(call);
     }
@@ -99,6 +100,19 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
         output::save_page(&page(call, &logs, &fit, &facts, &warnings), &path, call.show.json)?;
     }
     Ok(())
+}
+
+/// Refuses what would be given in vain: the kind of model has no use for it.
+fn refuse_unused(call: &IdentifyCall, kind: &str) -> Result<(), Failure> {
+    let unused = [
+        ("--order", call.order.is_some() && kind != "transfer-function"),
+        ("--hysterons", matches!(call.hysterons, Hysterons::Fixed(_)) && !matches!(kind, "phs" | "linear")),
+        ("--mass-kg", call.mass_kg.is_some() && matches!(kind, "transfer-function" | "bouc-wen-static")),
+    ];
+    match unused.into_iter().find(|(_, is_unused)| *is_unused) {
+        Some((option, _)) => Err(Failure::call(format!("{option} means nothing to --model {kind}: leave it out"))),
+        None => Ok(()),
+    }
 }
 
 /// What the fit is judged by.

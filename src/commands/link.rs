@@ -117,11 +117,16 @@ pub fn put_back<L: Link, T>(
 }
 
 /// A run that ended in a fault of the board, of which `log` keeps the last rows.
-pub fn in_fault(fault: FaultCode, log: &Path) -> Failure {
-    Failure::hardware(format!(
-        "the board is in {fault}: {} ends with it, at 0 V; mend its cause, and --clear-fault leaves it",
-        log.display()
-    ))
+pub fn in_fault(fault: FaultCode, log: &Path, place: &Place) -> Failure {
+    Failure::hardware(format!("the board is in {fault}: {} ends with it, at 0 V; {}", log.display(), leaving(place)))
+}
+
+/// What leads out of a fault: a board that ends with the call has none the next time.
+pub fn leaving(place: &Place) -> &'static str {
+    match place {
+        Place::InProcess | Place::Virtual => "mend its cause",
+        Place::Tcp(_) | Place::Serial(_) => "mend its cause, and --clear-fault leaves it",
+    }
 }
 
 /// The statistics of a link as lines for the terminal.

@@ -15,6 +15,7 @@ mod hil;
 mod identify;
 mod link;
 mod logs;
+mod loops;
 mod record;
 mod replay;
 mod reproduce;

@@ -2,7 +2,8 @@
 
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
+use crate::commands::link::{faults, in_fault, leaving, link_facts, open, put_back, session};
+use crate::commands::loops::within_rig;
 use crate::failure::Failure;
 use crate::output;
 use control_core::{FaultCode, Settings};
@@ -18,6 +19,7 @@ use plant_sim::experiment::{Bench, Program, Reach, Setup, open_loop_reach};
 use plant_sim::model::Model;
 use plant_sim::spec::{Spec, Unit};
 use serde_json::json;
+use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::{InputSource, Parameters};
 
@@ -73,12 +75,13 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let link = open(&call.at, model.as_ref(), call.rate, call.seed, call.anti_alias)?;
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
     let board = session.greet()?;
-    let warnings = check(call, &plan, &board, model.as_ref())?;
+    let mut warnings = check(call, &plan, &board, model.as_ref())?;
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     // What drives in open loop does so within the board's own limits, whatever controller ran before it.
     let own = session.parameters()?;
     plan.own = Some(own);
+    warnings.extend(wider_limits(call, &plan, &own));
     let samples: Vec<usize> = plan.played.iter().map(|played| played.samples).collect();
     let mut bench = model.as_ref().filter(|_| call.at.board == Place::InProcess).map(|model| {
         let chain = model.chain();
@@ -139,6 +142,12 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
     let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
+    let limited = |((outcome, name), samples): ((&Outcome, &String), &usize)| {
+        let warning = outcome.limited.warning(*samples).filter(|_| outcome.fault.is_none());
+        warning.map(|warning| format!("{name}: {warning}"))
+    };
+    let limited: Vec<String> = ending.outcomes.iter().zip(&names).zip(&samples).filter_map(limited).collect();
+    output::warn(&limited);
     output::warn(stays.as_slice());
     say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
     verdict(call, &names, &ending)
@@ -191,6 +200,9 @@ fn plan(call: &RecordCall) -> Result<Plan, Failure> {
             }
         }
     }
+    if !stems.is_empty() && plan.experiments.iter().all(|experiment| experiment.controller.is_none()) {
+        return Err(Failure::call("--controller: nothing that is played is a reference, in um: leave it out"));
+    }
     if plan.experiments.is_empty() {
         return Err(Failure::call("this set is nothing but loops: give --controller, once for each"));
     }
@@ -220,20 +232,20 @@ fn lay_out(text: &str, rate_hz: f64) -> Result<Played, Failure> {
     Ok(Played { program, waveform, samples })
 }
 
-/// Refuses loops that can't be stable and drives that would break the stage; what there is to warn of.
+/// Refuses loops that can't be stable or may go beyond what the stage stands, and drives that would; what there is to warn of.
 fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -> Result<Vec<String>, Failure> {
     let Some(model) = model else {
         let loops = plan.settings.first().map(|_| "whether the loops are stable").into_iter();
-        let unchecked: Vec<&str> = loops.chain(["how far drives in open loop take the stage"]).collect();
+        let unchecked: Vec<&str> = loops.chain(["whether the stage stands what is played"]).collect();
         return Ok(vec![format!("no --plant: {} was not checked", unchecked.join(" and "))]);
     };
     let mut warnings = model.live_warnings();
     let latency_s = board.latency_s();
-    for settings in &plan.settings {
-        warnings.extend(board::loop_warnings(settings, call.rate, latency_s, model)?);
+    for (path, settings) in call.controller.iter().zip(&plan.settings) {
+        warnings.extend(board::loop_warnings(path, settings, call.rate, latency_s, model)?);
     }
     let Some(rig) = &model.rig else {
-        warnings.push("--plant has no [rig]: how far drives in open loop take the stage was not checked".into());
+        warnings.push("--plant has no [rig]: whether the stage stands what is played was not checked".into());
         return Ok(warnings);
     };
     // A trip stops the drive, and no mass at once: what drives far in open loop must not begin.
@@ -260,7 +272,28 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
             )));
         }
     }
+    for (path, settings) in call.controller.iter().zip(&plan.settings) {
+        within_rig(path, rig, settings)?;
+    }
     Ok(warnings)
+}
+
+/// Controllers whose limits, which hold while their loops run, are wider than what the board itself is set to.
+fn wider_limits(call: &RecordCall, plan: &Plan, own: &Parameters) -> Vec<String> {
+    let told = |low_v: f32, high_v: f32, trip_m: f32| format!("{low_v} to {high_v} V and {:.2} um", trip_m * 1e6);
+    let wider = |(path, settings): (&PathBuf, &Settings)| {
+        let Settings { drive_min_v, drive_max_v, trip_m, .. } = *settings;
+        let is_wider = drive_min_v < own.drive_min_v || drive_max_v > own.drive_max_v || trip_m > own.trip_m;
+        is_wider.then(|| {
+            format!(
+                "{}: its limits, {}, hold in closed loop in place of the board's narrower ones, {}",
+                path.display(),
+                told(drive_min_v, drive_max_v, trip_m),
+                told(own.drive_min_v, own.drive_max_v, own.trip_m),
+            )
+        })
+    };
+    call.controller.iter().zip(&plan.settings).filter_map(wider).collect()
 }
 
 fn prepare<L: Link>(
@@ -347,13 +380,14 @@ fn verdict(call: &RecordCall, names: &[String], ending: &Ending) -> Result<(), F
     let outcomes = &ending.outcomes;
     if let (Some(fault), Some(name)) = (ending.before, names.get(outcomes.len())) {
         return Err(Failure::hardware(format!(
-            "the board is in {fault}, at 0 V: it came while demagnetising before {}, which was not begun; mend its cause, and --clear-fault leaves it",
-            call.out.join(name).display()
+            "the board is in {fault}, at 0 V: it came while demagnetising before {}, which was not begun; {}",
+            call.out.join(name).display(),
+            leaving(&call.at.board)
         )));
     }
     let last = outcomes.last().zip(names.get(outcomes.len().saturating_sub(1)));
     if let Some((Some(fault), name)) = last.map(|(outcome, name)| (outcome.fault, name)) {
-        return Err(in_fault(fault, &call.out.join(name)));
+        return Err(in_fault(fault, &call.out.join(name), &call.at.board));
     }
     // In process a lost sample is a row like any other, whose drive was held.
     let has_holes = call.at.board != Place::InProcess;
@@ -383,6 +417,7 @@ fn say(
                 "samples": samples,
                 "lost_samples": outcome.lost.len(),
                 "overruns": outcome.overruns,
+                "limited_samples": outcome.limited.samples,
                 "fault": outcome.fault.map_or("none", |fault| fault.word()),
                 "peak_um": outcome.peak_m * 1e6,
             })

@@ -1,23 +1,20 @@
 //! `hysteron simulate`: closed or open loop, a log, metrics, a page.
 
 use crate::arguments::SimulateCall;
+use crate::commands::design::inverse;
+use crate::commands::loops::judge;
 use crate::failure::Failure;
 use crate::output;
-use control_core::Limits;
 use gap_diagnosis::page::{SimulationView, four_digits, simulation_page};
-use plant_sim::chain::Chain;
 use plant_sim::controller::Controller;
-use plant_sim::experiment::{Program, Recording, Setup, closed_loop_inverse, open_loop, sampled_loop};
+use plant_sim::experiment::{Program, Recording, Setup, closed_loop_inverse, open_loop};
 use plant_sim::log::{Column, Meta, Writer};
-use plant_sim::margins::{Suggestion, Verdict, assess, nearest_stable};
-use plant_sim::metrics::{LoopMetrics, Task, loop_metrics};
+use plant_sim::metrics::{Limited, LoopMetrics, Task, loop_metrics};
 use plant_sim::model::{Model, RigSection};
 use plant_sim::spec::{Shape, Spec, Unit};
 
 /// Rows that one call may make: 20 million are 0.6 GB in memory and 1 GB on disk.
 const MOST_ROWS: f64 = 2e7;
-/// Clock of the board's timer, for rates that a board can run: 170 MHz (STM32G474 at its highest clock).
-const TIMER_CLOCK_HZ: u32 = 170_000_000;
 
 pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
@@ -45,8 +42,13 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
                 settings.feedforward_v_per_m = 0.0;
             }
             controller_name = Some(output::file_name(path));
-            facts.push(("gain margin".to_owned(), stability(call, &chain, &settings, &mut warnings)?));
-            let inverse = if call.no_feedforward { None } else { controller.inverse(call.rate, delay_s(call)) };
+            let (assessment, warning) = judge(path, &settings, call.rate, delay_s(call), &chain)?;
+            warnings.extend(warning);
+            let least_db = assessment.gain_margin_db.value;
+            let told = if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() };
+            facts.push(("gain margin".to_owned(), told));
+            let inverse =
+                if call.no_feedforward { None } else { inverse(&controller, path, call.rate, delay_s(call))? };
             closed_loop_inverse(&setup, &settings, inverse.as_ref(), &program, &progress)?
         }
         None => open_loop(&setup, &program, &progress)?,
@@ -56,12 +58,9 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let reference = (!recording.reference_m.is_empty()).then_some(recording.reference_m.as_slice());
     let mut metrics = loop_metrics(task(spec), recording.dt_s, reference, &recording.displacement_m);
     metrics.peak_v = recording.command_v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    metrics.limited_samples = recording.limited_by.iter().filter(|l| !without_shaping(**l).is_empty()).count();
-    metrics.shaped_samples = recording.limited_by.iter().filter(|l| l.intersects(SHAPING)).count();
-    let words = limit_words(&recording);
-    if !words.is_empty() {
-        warnings.push(format!("limits acted in {} of {samples} samples: {words}", metrics.limited_samples));
-    }
+    let limited = Limited::of(recording.limited_by.iter().copied());
+    (metrics.limited_samples, metrics.shaped_samples) = (limited.samples, limited.shaped_samples);
+    warnings.extend(limited.warning(samples));
     if metrics.shaped_samples > 0 {
         facts.push(("reference shaped".to_owned(), format!("{} samples", metrics.shaped_samples)));
     }
@@ -144,31 +143,6 @@ fn plain(value: f64) -> String {
     if (1e-6..1e12).contains(&value) { value.to_string() } else { format!("{value:e}") }
 }
 
-/// Refuses an unstable loop, warns of a thin margin, and says what the margin is.
-fn stability(
-    call: &SimulateCall,
-    chain: &Chain,
-    settings: &control_core::Settings,
-    warnings: &mut Vec<String>,
-) -> Result<String, Failure> {
-    let regions = chain.linear_regions()?;
-    let law = sampled_loop(settings, call.rate, delay_s(call), chain);
-    let assessment = assess(&regions, &law)?;
-    let advice = || -> Result<String, Failure> {
-        Ok(match nearest_stable(&regions, &law, TIMER_CLOCK_HZ)? {
-            Suggestion::AsAsked { .. } => String::new(),
-            suggestion => format!("; {suggestion}"),
-        })
-    };
-    match &assessment.verdict {
-        Verdict::Unstable { .. } => return Err(Failure::call(format!("{assessment}{}", advice()?))),
-        Verdict::BelowSixDb { .. } => warnings.push(format!("{assessment}{}", advice()?)),
-        Verdict::Stable { .. } => {}
-    }
-    let least_db = assessment.gain_margin_db.value;
-    Ok(if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() })
-}
-
 /// Where the run left what the real rig stands, one line each.
 fn beyond_rig(rig: &RigSection, recording: &Recording) -> Vec<String> {
     let [low, high] = rig.drive_v();
@@ -195,18 +169,6 @@ fn task(spec: &Spec) -> Task {
         },
         _ => Task::Other,
     }
-}
-
-/// What bounding the reference's rate and acceleration does: normal work, unlike the other limits.
-const SHAPING: Limits = Limits::REFERENCE_RATE.union(Limits::REFERENCE_ACCELERATION);
-
-fn without_shaping(limits: Limits) -> Limits {
-    Limits::from_bits(limits.bits() & !SHAPING.bits())
-}
-
-fn limit_words(recording: &Recording) -> String {
-    let all = recording.limited_by.iter().fold(Limits::NONE, |all, l| all | *l);
-    without_shaping(all).words().collect::<Vec<_>>().join(", ").replace('_', " ")
 }
 
 fn write_log(call: &SimulateCall, recording: &Recording, controller: Option<String>) -> Result<(), Failure> {

@@ -71,7 +71,7 @@ pub(super) fn predict(
     let program = wanted.program(log)?;
     let samples = program.samples().unwrap_or((USUAL_S * rate_hz) as usize);
     let settings = wanted.controller.settings(rate_hz);
-    let inverse = wanted.controller.inverse(rate_hz, log.meta.latency_s);
+    let inverse = wanted.controller.inverse(rate_hz, log.meta.latency_s).map_err(|e| refused(&e))?;
     let error_um = |model: &Model| {
         let chain = model.chain();
         let start = Start::relaxed(&chain);

@@ -78,7 +78,7 @@ pub fn table() -> Table {
     let mut bench = known.clone();
     bench.drive.lag = Some(Lag::First { time_constant_s: 1.0 / (TAU * HIDDEN_HZ) });
     let run = |controller: &Controller, chain: &Chain| {
-        let inverse = controller.inverse(RATE_HZ, DELAY_S);
+        let inverse = controller.inverse(RATE_HZ, DELAY_S).expect("few hysterons");
         let settings = controller.settings(RATE_HZ);
         tracking(&Frame { chain, settings, delay_s: DELAY_S, inverse: inverse.as_ref() }).expect("a loop that runs")
     };

@@ -373,7 +373,8 @@ impl Simulator {
             + self.linear.as_ref().map_or(0.0, |linear| linear.space.d * self.acting_v)
     }
 
-    /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`.
+    /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`,
+    /// which acts against positive displacement.
     pub fn advance(&mut self, command: Held, force_n: f64) {
         let sample_start_s = self.readout.time_s();
         let swung = Swing::gain(&self.swings, sample_start_s + 0.5 * self.sample_s);

@@ -52,6 +52,9 @@ pub(crate) const ALL: [Column; 11] = [
     Column::Predicted,
 ];
 
+/// Endings that are no unit of any quantity here: to take them for the contract's unit would be wrong by a factor.
+const OTHER_UNITS: [&str; 7] = ["lsb", "LSB", "count", "counts", "pct", "percent", "%"];
+
 impl Column {
     /// Name in files, with its unit.
     pub fn file_name(self) -> &'static str {
@@ -101,31 +104,35 @@ impl Column {
     }
 
     /// The unit that a file's own column name ends in, as a decimal exponent of SI; the contract's unit where it
-    /// ends in none that fits the quantity.
+    /// ends in none that fits the quantity; the ending itself where that is a unit which none of these can be.
     ///
-    /// `y_nm` is in nanometres, `pos_m` in metres, `y` and `y_um` in micrometres; `t_ms` in milliseconds;
-    /// `u_mV` in millivolts. Case counts, since `mV` and `MV` differ.
-    fn exponent_of(self, name: &str) -> i32 {
-        let symbol = match self {
-            Self::Time => "s",
-            Self::Command | Self::Drive => "V",
-            Self::Displacement | Self::Reference | Self::Predicted => "m",
-            Self::Force => "N",
-            Self::Current => "A",
-            Self::Temperature | Self::LimitedBy | Self::Seq => return 0,
+    /// `y_nm`, `y [nm]` and `y (nm)` are in nanometres, `pos_m` in metres, `y` and `y_um` in micrometres; `t_ms` in
+    /// milliseconds; `u_mV` in millivolts. Case counts, since `mV` and `MV` differ.
+    fn exponent_of(self, name: &str) -> Result<i32, String> {
+        let (symbol, others): (_, &[&str]) = match self {
+            Self::Time => ("s", &["min", "h", "hr"]),
+            Self::Command | Self::Drive => ("V", &[]),
+            // A sensor's volts are no displacement yet.
+            Self::Displacement | Self::Reference | Self::Predicted => {
+                ("m", &["cm", "dm", "inch", "mil", "ft", "V", "mV"])
+            }
+            Self::Force => ("N", &["gf", "kgf", "lbf"]),
+            Self::Current => ("A", &[]),
+            Self::Temperature | Self::LimitedBy | Self::Seq => return Ok(0),
         };
-        let Some(prefix) = name.trim().rsplit_once('_').and_then(|(_, unit)| unit.strip_suffix(symbol)) else {
-            return self.file_exponent();
+        let Some((_, unit)) = name.trim().trim_end_matches([']', ')']).rsplit_once(['_', '[', '(']) else {
+            return Ok(self.file_exponent());
         };
-        match prefix {
-            "" => 0,
-            "k" => 3,
-            "m" => -3,
+        match unit.strip_suffix(symbol) {
+            Some("") => Ok(0),
+            Some("k") => Ok(3),
+            Some("m") => Ok(-3),
             // Two code points are in use for micro: the micro sign and the Greek letter.
-            "u" | "\u{b5}" | "\u{3bc}" => -6,
-            "n" => -9,
-            "p" => -12,
-            _ => self.file_exponent(),
+            Some("u" | "\u{b5}" | "\u{3bc}") => Ok(-6),
+            Some("n") => Ok(-9),
+            Some("p") => Ok(-12),
+            _ if OTHER_UNITS.contains(&unit) || others.contains(&unit) => Err(unit.to_owned()),
+            _ => Ok(self.file_exponent()),
         }
     }
 }
@@ -142,10 +149,17 @@ pub(crate) enum Scale {
 
 impl Scale {
     /// The scale of a column called `name` in the file.
-    pub(crate) fn of(column: Column, name: &str, options: &ReadOptions) -> Self {
+    ///
+    /// # Errors
+    /// [`LogError::OtherUnit`].
+    pub(crate) fn of(column: Column, name: &str, options: &ReadOptions) -> Result<Self, LogError> {
         match options.scale.get(column.key()) {
-            Some(&factor) => Self::from_factor(factor),
-            None => Self::Power(column.exponent_of(name)),
+            Some(&factor) => Ok(Self::from_factor(factor)),
+            None => column.exponent_of(name).map(Self::Power).map_err(|unit| LogError::OtherUnit {
+                name: name.to_owned(),
+                unit,
+                key: column.key(),
+            }),
         }
     }
 
@@ -210,7 +224,7 @@ pub(crate) struct Wanted {
 }
 
 impl Wanted {
-    /// Whether a file without this column is refused: those every log has, and those the user named.
+    /// Whether a file without this column is refused: those every log has, and those the user named or gave a scale.
     pub(crate) fn is_required(&self) -> bool {
         self.mapped || matches!(self.column, Column::Command | Column::Displacement)
     }
@@ -240,7 +254,7 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
             Wanted {
                 column,
                 name: mapped.map_or_else(|| column.file_name().to_owned(), |name| name.trim().to_owned()),
-                mapped: mapped.is_some(),
+                mapped: mapped.is_some() || options.scale.contains_key(column.key()),
             }
         })
         .collect())

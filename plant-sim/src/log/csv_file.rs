@@ -66,7 +66,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
                     path: path.to_path_buf(),
                     wanted: want.column.key(),
                     name: want.name.clone(),
-                    exists: excerpt_list(&names),
+                    exists: told(&names),
                 });
             }
             continue;
@@ -85,7 +85,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
             idx,
             column: want.column,
             name: want.name.clone(),
-            scale: Scale::of(want.column, &want.name, options),
+            scale: Scale::of(want.column, &want.name, options)?,
         });
     }
     let no_time = wanted
@@ -97,7 +97,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
             path: path.to_path_buf(),
             wanted: want.column.key(),
             name: want.name.clone(),
-            exists: excerpt_list(&names),
+            exists: told(&names),
         });
     }
 
@@ -269,6 +269,19 @@ fn split_header(header: &str, separator: u8) -> Vec<String> {
         names.pop();
     }
     names
+}
+
+/// The names of a header for a message. One name with blanks in it is a table that blanks part.
+fn told(names: &[String]) -> String {
+    match names {
+        [only] if only.contains(char::is_whitespace) => {
+            format!(
+                "one column, {}, since a comma, a semicolon or a tab parts columns and blanks do not",
+                excerpt(only)
+            )
+        }
+        _ => excerpt_list(names),
+    }
 }
 
 /// The names of the columns for a message, the first twenty of them.

@@ -312,6 +312,18 @@ pub enum LogError {
         /// The keys there are, joined by commas.
         known: String,
     },
+    /// A column's name ends in a unit that is not read from names.
+    #[error(
+        "--columns {key}={name}: {unit} is not a unit that is known by its name; say what one of it is in SI, --scale {key}=FACTOR"
+    )]
+    OtherUnit {
+        /// The column's name.
+        name: String,
+        /// Its ending.
+        unit: String,
+        /// The canonical key.
+        key: &'static str,
+    },
     /// A number given on the command line cannot be used.
     #[error("{option}: {value} cannot be used; give a finite number {expected}")]
     BadOption {
@@ -353,7 +365,11 @@ impl LogError {
     pub fn is_wrong_call(&self) -> bool {
         matches!(
             self,
-            Self::UnknownKey { .. } | Self::BadOption { .. } | Self::UnknownKind { .. } | Self::NotBuilt { .. }
+            Self::UnknownKey { .. }
+                | Self::OtherUnit { .. }
+                | Self::BadOption { .. }
+                | Self::UnknownKind { .. }
+                | Self::NotBuilt { .. }
         )
     }
 

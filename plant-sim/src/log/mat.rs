@@ -135,7 +135,7 @@ impl Field {
                         column: want.column,
                         name: want.name.clone(),
                         numbers: numbers.clone(),
-                        scale: Scale::of(want.column, &want.name, options),
+                        scale: Scale::of(want.column, &want.name, options)?,
                         epsilon: if *single { f64::from(f32::EPSILON) } else { f64::EPSILON },
                     });
                 }

@@ -72,7 +72,7 @@ pub struct Log {
     pub reference_m: Option<Vec<f64>>,
     /// The amplifier's output monitor, volts.
     pub drive_v: Option<Vec<f64>>,
-    /// Force, newtons.
+    /// Force from outside, against positive displacement (the thesis' Fext), newtons.
     pub force_n: Option<Vec<f64>>,
     /// Current, amperes.
     pub current_a: Option<Vec<f64>>,

@@ -47,6 +47,13 @@ pub fn warnings(log: &Log) -> Vec<String> {
             span_m * 1e12
         ));
     }
+    let length_s = log.len() as f64 * log.dt_s;
+    if log.meta.latency_s >= length_s {
+        warn(format!(
+            "its latency, latency_us of {} us, is longer than the log of {length_s} s: no command of it acts",
+            log.meta.latency_s * 1e6
+        ));
+    }
     let peak_v = low_v.abs().max(high_v.abs());
     if peak_v > MAX_COMMAND_V {
         warn(format!(

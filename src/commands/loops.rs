@@ -1,0 +1,47 @@
+//! Whether a loop that a call asks for may run: stable, and within what the rig stands; what is refused, what is warned of, and what would do.
+
+use crate::failure::Failure;
+use control_core::Settings;
+use plant_sim::chain::Chain;
+use plant_sim::experiment::sampled_loop;
+use plant_sim::margins::{Assessment, LinearRegion, Loop, MarginError, Suggestion, Verdict, assess, nearest_stable};
+use plant_sim::model::RigSection;
+use std::path::Path;
+
+/// Clock of the board's timer, for rates that a board can run: 170 MHz (STM32G474 at its highest clock).
+const TIMER_CLOCK_HZ: u32 = 170_000_000;
+
+/// Margins of the loop that the `settings` of a controller file close around `chain`, and a warning where they are thin; an unstable one is refused.
+pub fn judge(
+    path: &Path,
+    settings: &Settings,
+    rate_hz: f64,
+    delay_s: f64,
+    chain: &Chain,
+) -> Result<(Assessment, Option<String>), Failure> {
+    let regions = chain.linear_regions()?;
+    let law = sampled_loop(settings, rate_hz, delay_s, chain);
+    let assessment = assess(&regions, &law)?;
+    match assessment.verdict {
+        Verdict::Unstable { .. } => Err(Failure::call(advised(&assessment, &regions, &law)?).about(path)),
+        Verdict::BelowSixDb { .. } => {
+            let warning = advised(&assessment, &regions, &law)?;
+            Ok((assessment, Some(format!("{}: {warning}", path.display()))))
+        }
+        Verdict::Stable { .. } => Ok((assessment, None)),
+    }
+}
+
+/// What was found of a loop, with the nearest rate and delay that would do better.
+pub fn advised(assessment: &Assessment, regions: &[LinearRegion], law: &Loop) -> Result<String, MarginError> {
+    Ok(match nearest_stable(regions, law, TIMER_CLOCK_HZ)? {
+        Suggestion::AsAsked { .. } => assessment.to_string(),
+        suggestion => format!("{assessment}; {suggestion}"),
+    })
+}
+
+/// Refuses the settings of a controller file that may go beyond what the rig stands.
+pub fn within_rig(path: &Path, rig: &RigSection, settings: &Settings) -> Result<(), Failure> {
+    let beyond: Vec<String> = rig.beyond(settings).iter().map(ToString::to_string).collect();
+    if beyond.is_empty() { Ok(()) } else { Err(Failure::call(beyond.join("; ")).about(path)) }
+}
