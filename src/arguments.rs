@@ -276,7 +276,7 @@ pub struct IdentifyCall {
     /// Number of hysterons, or auto: as many as the logs call for; not with --plant, which has them
     #[arg(long, value_name = "N|auto", value_parser = hysterons, conflicts_with = "plant", default_value = "auto")]
     pub hysterons: Hysterons,
-    /// Start and priors: a model file; without it both are guessed from the logs
+    /// Where the search starts, and the mass: a model file; without it the start is guessed from the logs
     #[arg(long, value_name = "P.toml")]
     pub plant: Option<PathBuf>,
     /// Weighed moving mass, where no --plant states it: displacement alone determines only ratios to it. Where not given,
@@ -379,7 +379,7 @@ pub struct DesignCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
     pub plant: PathBuf,
-    /// Controller to check, or whose limits and shaping the design takes
+    /// Controller to check, or whose limits and shaping the design takes; refused where they lie beyond the plant's [rig]
     #[arg(long, value_name = "C.toml")]
     pub controller: Option<PathBuf>,
     /// Samples per second

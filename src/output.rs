@@ -141,7 +141,7 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
     if let Command::Board(BoardCommand::Run(_)) = command
         && let Some(report) = report_path(out)
     {
-        check_place(&report, "another --out", command.inputs())?;
+        check_place(&report, "--out, beside which the report goes,", command.inputs())?;
     }
     if let Some(page) = &page {
         if is_special(page) {
@@ -161,15 +161,17 @@ pub fn check_places(command: Option<&Command>) -> Result<(), Failure> {
 /// Refuses a log's place that would say that it is of another kind than it is.
 fn check_kind(command: &Command, out: &Path) -> Result<(), Failure> {
     let end = out.extension().map(|end| end.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if command.writes_csv() && ["mat", "npy", "parquet", "mf4", "toml", "json"].contains(&end.as_str()) {
-        let name = out.with_extension("csv");
-        return Err(Failure::call(format!(
-            "{}: what is written is CSV: name {} with --out, and make another kind of it with `hysteron export`",
-            out.display(),
-            name.display()
-        )));
+    let is_other = ["mat", "npy", "parquet", "mf4", "toml", "json"].contains(&end.as_str());
+    if !command.writes_csv() || !is_other || is_special(out) {
+        return Ok(());
     }
-    Ok(())
+    let csv = out.with_extension("csv");
+    let is_read = command.inputs().into_iter().any(|input| same_file(input, &csv));
+    let name = if is_read { "a file that ends in .csv".to_owned() } else { csv.display().to_string() };
+    Err(Failure::call(format!(
+        "{}: what is written is CSV: name {name} with --out, and make another kind of it with `hysteron export`",
+        out.display()
+    )))
 }
 
 fn check_place(path: &Path, argument: &str, inputs: Vec<&Path>) -> Result<(), Failure> {

@@ -420,32 +420,6 @@ fn wrong_numbers() {
         "--scale displacement: 0 cannot be used; give a finite number other than zero",
     );
     bench.refused(
-        &format!("replay --plant {PLANT} @/good.csv --scale force=2 --out @/out.csv"),
-        3,
-        "@/good.csv: no column `force_N` (force); it has time_s, command_V, displacement_um; map one with --columns force=NAME",
-    );
-    for (model, option) in [
-        ("transfer-function", "--mass-kg 0.05"),
-        ("transfer-function", "--hysterons 3"),
-        ("bouc-wen", "--hysterons 3"),
-        ("bouc-wen-static", "--mass-kg 0.05"),
-        ("phs", "--order 4,3"),
-    ] {
-        let name = option.split(' ').next().unwrap_or_default();
-        bench.refused(
-            &format!("identify --model {model} @/good.csv {option} --out @/out.toml"),
-            2,
-            &format!("{name} means nothing to --model {model}: leave it out"),
-        );
-    }
-    for name in ["out.mat", "out.npy", "out.toml"] {
-        bench.refused(
-            &format!("replay --plant {PLANT} @/good.csv --out @/{name}"),
-            2,
-            &format!("@/{name}: what is written is CSV: name @/out.csv with --out, and make another kind of it with `hysteron export`"),
-        );
-    }
-    bench.refused(
         &format!("replay --plant {PLANT} @/good.csv --columns force=1,colour=x --out @/out.csv"),
         2,
         "--columns: `colour` is no column of a log; use one of time, command, displacement, reference, drive, force, current, temperature, limited_by, seq",

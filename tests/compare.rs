@@ -1,6 +1,6 @@
 //! `hysteron identify` of every kind, and `--compare`, as a user meets them.
 
-use crate::support::{Folder, PLANT, json, run, stderr, stdout, succeeded};
+use crate::support::{Folder, PLANT, good_csv, json, run, stderr, stdout, succeeded};
 use plant_sim::model::{Kind, Model};
 
 /// A log made by `simulate`.
@@ -27,6 +27,25 @@ fn a_comparison_ranks_every_kind_and_writes_the_best() {
     assert_eq!(Model::read(&folder.path("best.toml")).expect("a model").kind, Kind::Phs);
     let page = folder.read("best.html");
     assert!(page.contains("Bouc-Wen actuator") && page.contains("evidence against"));
+}
+
+#[test]
+fn what_a_kind_of_model_has_no_use_for_is_refused() {
+    let folder = Folder::new("unused");
+    folder.write("good.csv", good_csv(40));
+    for (model, option) in [
+        ("transfer-function", "--mass-kg 0.05"),
+        ("transfer-function", "--hysterons 3"),
+        ("bouc-wen", "--hysterons 3"),
+        ("bouc-wen-static", "--mass-kg 0.05"),
+        ("phs", "--order 4,3"),
+    ] {
+        let output = run(&folder, &format!("identify --model {model} @/good.csv {option} --out @/out.toml"));
+        let name = option.split(' ').next().unwrap_or_default();
+        let line = format!("hysteron: {name} means nothing to --model {model}: leave it out\n");
+        assert_eq!((output.status.code(), stderr(&output)), (Some(2), line));
+    }
+    assert_eq!(folder.names(), ["good.csv"]);
 }
 
 /// An actuator with plays, simulated, is found again from its log: what its file says, and what it would do.

@@ -3,6 +3,20 @@
 use crate::support::{Folder, PLANT, good_csv, json, run, stderr, stdout, succeeded};
 
 #[test]
+fn a_log_is_not_written_under_the_name_of_another_kind() {
+    let folder = Folder::new("kinds");
+    folder.write("good.csv", good_csv(40));
+    for (out, name) in [("out.mat", "@/out.csv"), ("out.npy", "@/out.csv"), ("good.mat", "a file that ends in .csv")] {
+        let output = run(&folder, &format!("replay --plant {PLANT} @/good.csv --out @/{out}"));
+        let line = format!(
+            "hysteron: @/{out}: what is written is CSV: name {name} with --out, and make another kind of it with `hysteron export`\n"
+        );
+        assert_eq!((output.status.code(), stderr(&output)), (Some(2), folder.fill_in(&line)));
+    }
+    assert_eq!(folder.names(), ["good.csv"]);
+}
+
+#[test]
 fn every_kind_is_the_same_log_to_what_reads_it() {
     let folder = Folder::new("export");
     let simulate =

@@ -259,7 +259,7 @@ fn a_controller_of_wider_limits_than_the_boards_own_is_told() {
     assert!(!record("a").contains("its limits"));
     succeeded(&run(&folder, &format!("board parameters {at} --set drive_min_v=-40 --set drive_max_v=40")));
     let said = record("b");
-    let words = "pi1.toml: its limits, -90 to 90 V and 120.00 um, hold in closed loop in place of the board's narrower ones, -40 to 40 V and 120.00 um";
+    let words = "pi1.toml: its limits, -90 to 90 V, 400000 V/s, clamp 100.00 um and trip 120.00 um, hold in closed loop in place of the board's narrower ones, -40 to 40 V, ";
     assert!(said.contains(words), "{said}");
 }
 

@@ -399,8 +399,8 @@ impl When {
     fn parse(text: &str) -> Result<Self, String> {
         let (frequency, time) = text.split_once('/').map_or((text, None), |(f, t)| (f, Some(t)));
         let Some(frequency) = frequency.trim().strip_suffix("Hz") else {
-            if number(text).is_ok() {
-                return Err(format!("{text:?} needs its unit: Hz of a frequency, s or ms of a time"));
+            if number(frequency).is_ok() {
+                return Err(format!("{frequency:?} needs its unit: Hz of a frequency, s or ms of a time"));
             }
             return parse_time(text).map(|seconds| Self::Time { seconds });
         };
@@ -603,7 +603,8 @@ fn read_samples(path: &Path) -> Result<Vec<f32>, String> {
 
 /// Whether a first line is a column's name and not a number that is mistyped, too large or none.
 fn is_header(line: &str) -> bool {
-    line.starts_with(|first: char| first.is_alphabetic() || "_\"'".contains(first)) && line.parse::<f32>().is_err()
+    let begins_as_number = line.starts_with(|first: char| first.is_ascii_digit() || "+-.".contains(first));
+    line.chars().any(char::is_alphabetic) && !begins_as_number && line.parse::<f32>().is_err()
 }
 
 /// The text of a file, in bounded time and memory.

@@ -245,13 +245,14 @@ fn units_come_from_the_name_and_the_option_goes_before_it() {
     // A unit that is none of metres is not taken for micrometres.
     let refused = read("pos_cm", None).expect_err("centimetres").to_string();
     assert!(
-        refused.contains("cm is not a unit that is known by its name") && refused.contains("--scale displacement=")
+        refused.contains("cm is no unit of this that is known by its name")
+            && refused.contains("--scale displacement=")
     );
     assert!(read("sensor [V]", None).is_err() && read("y_counts", None).is_err());
     assert_eq!(read("pos_cm", Some(1e-2)).expect("read"), 2e-2);
     let read = |name: &str, scale: Option<f64>| read(name, scale).expect("read");
     assert_eq!(read("y", None), 2e-6);
-    assert_eq!([read("y [nm]", None), read("y (m)", None), read("y [filtered]", None)], [2e-9, 2.0, 2e-6]);
+    assert_eq!([read("y [ nm ]", None), read("y (m)", None), read("y [filtered]", None)], [2e-9, 2.0, 2e-6]);
     assert_eq!(read("y_um", None), 2e-6);
     assert_eq!(read("y_m", None), 2.0);
     assert_eq!(read("y_mm", None), 2e-3);

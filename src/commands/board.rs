@@ -5,12 +5,14 @@ use crate::commands::link::in_fault;
 use crate::commands::loops::judge;
 use crate::failure::Failure;
 use crate::output;
-use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
+use control_core::{AdcCode, DacCode, FaultCode, Law, Limits, ModeName, Settings};
 use hil_bridge::link::Place;
+use hil_bridge::paced;
 use hil_bridge::session::is_ours;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::Program;
 use plant_sim::log::{Column, Meta, Writer};
+use plant_sim::margins::Suggestion;
 use plant_sim::metrics::Limited;
 use plant_sim::model::Model;
 use plant_sim::spec::Unit;
@@ -92,7 +94,9 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         ));
     }
     let limited = Limited::of(report.streamed.iter().map(|sample| sample.limited_by));
-    warnings.extend(limited.warning(report.rows.len()));
+    if report.status.fault == 0 && (is_closed_loop || limited.limits != Limits::SLEW) {
+        warnings.extend(limited.warning(report.rows.len()));
+    }
     write_log(call, &report, &checked)?;
     output::warn(&warnings);
     say(call, &report, &limited)?;
@@ -130,7 +134,11 @@ pub fn loop_warnings(
     latency_s: f64,
     model: &Model,
 ) -> Result<Vec<String>, Failure> {
-    let (_, thin) = judge(path, settings, rate_hz, latency_s, &model.chain())?;
+    // A board's delay is what it is, and of a paced loop it is half of whatever sample is asked for.
+    let is_paced = latency_s == paced::latency_s(rate_hz);
+    let can_be =
+        |suggestion: &Suggestion| !is_paced && !matches!(suggestion, Suggestion::Change { keeps_delay: false, .. });
+    let (_, thin) = judge(path, settings, rate_hz, latency_s, &model.chain(), can_be)?;
     let beyond = model.rig.iter().flat_map(|rig| rig.beyond(settings));
     Ok(thin.into_iter().chain(beyond.map(|beyond| format!("{}: {beyond}", path.display()))).collect())
 }

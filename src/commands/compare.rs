@@ -31,8 +31,8 @@ pub fn compare(call: &IdentifyCall) -> Result<(), Failure> {
             "--plant is of kind {kind}: --compare starts from a plant of kind phs or from none"
         )));
     }
-    let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
-    let held_out = super::logs::read(&call.held_out, &call.read, MOST_ROWS)?;
+    let logs = super::logs::read(&call.logs, &call.held_out, &call.read, MOST_ROWS)?;
+    let held_out = super::logs::read(&call.held_out, &call.logs, &call.read, MOST_ROWS)?;
     let mut warnings: Vec<String> = logs.iter().chain(&held_out).flat_map(log::warnings).collect();
     warnings.extend(assumed_mass(call));
     let spinner = output::spinner();
@@ -124,7 +124,7 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
             "--plant has no meaning for a transfer function, which is estimated from the logs alone: drop it",
         ));
     }
-    let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
+    let logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
     let warnings: Vec<String> = logs.iter().flat_map(log::warnings).collect();
     let found = tfest(&logs, &options(call), call.order)?;
     let Some(best) = found.first() else {

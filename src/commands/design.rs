@@ -35,7 +35,8 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
         };
         let inverse = inverse(&controller, path_of(call), call.rate, call.delay_us * 1e-6)?;
         let settings = controller.settings(call.rate);
-        warnings.extend(model.rig.iter().flat_map(|rig| rig.beyond(&settings)).map(|beyond| beyond.to_string()));
+        let beyond = model.rig.iter().flat_map(|rig| rig.beyond(&settings));
+        warnings.extend(beyond.map(|beyond| format!("{}: {beyond}", path_of(call).display())));
         let frame = Frame { chain: &chain, settings, delay_s: call.delay_us * 1e-6, inverse: inverse.as_ref() };
         return run_check(call, &model, &controller, &frame, &mut warnings);
     }
@@ -48,6 +49,12 @@ pub fn design(call: &DesignCall) -> Result<(), Failure> {
         Some(controller) => controller,
         None => bounded_by_rig(Controller::parse(LIKE, Path::new("controllers/pi1.toml"))?, &model),
     };
+    if controller.unlimited {
+        return Err(Failure::call(
+            "a design has limits: give it [limits], [reference] and [guard] in place of `unlimited = true`",
+        )
+        .about(path_of(call)));
+    }
     if let Some(rig) = &model.rig {
         within_rig(path_of(call), rig, &controller.settings(call.rate))?;
     }
@@ -435,14 +442,16 @@ fn run_check(
     let found = check(frame, model)?;
     let tracked = if call.track { Some(tracking(frame)?) } else { None };
     let unstable = matches!(found.assessment.verdict, Verdict::Unstable { .. });
-    if !matches!(found.assessment.verdict, Verdict::Stable { .. }) {
-        warnings.push(found.assessment.to_string());
+    let advised = || advised(&found.assessment, &frame.chain.linear_regions()?, &frame.law(&frame.settings), |_| true);
+    if matches!(found.assessment.verdict, Verdict::BelowSixDb { .. }) {
+        warnings.push(format!("{}: {}", path_of(call).display(), advised()?));
     }
     if let (Some(rig), Some(worst)) = (&model.rig, found.peaks.first())
         && worst.peak_m * 1e6 > rig.displacement_max_um.value
     {
         warnings.push(format!(
-            "the worst peak, {}, lies beyond [rig] displacement_max_um = {}: {} ({})",
+            "{}: the worst peak, {}, lies beyond [rig] displacement_max_um = {}: {} ({})",
+            path_of(call).display(),
             four_digits(worst.peak_m * 1e6, "um"),
             rig.displacement_max_um.value,
             worst.scenario,
@@ -473,10 +482,7 @@ fn run_check(
         output::save_page(&page, &path, call.show.json)?;
     }
     if unstable {
-        let law = frame.law(&frame.settings);
-        return Err(
-            Failure::call(advised(&found.assessment, &frame.chain.linear_regions()?, &law)?).about(path_of(call))
-        );
+        return Err(Failure::call(advised()?).about(path_of(call)));
     }
     Ok(())
 }

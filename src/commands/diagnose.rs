@@ -37,8 +37,8 @@ pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
             plant.kind.name()
         )));
     }
-    let mut logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
-    let mut held_out = super::logs::read(&call.held_out, &call.read, MOST_ROWS)?;
+    let mut logs = super::logs::read(&call.logs, &call.held_out, &call.read, MOST_ROWS)?;
+    let mut held_out = super::logs::read(&call.held_out, &call.logs, &call.read, MOST_ROWS)?;
     for log in logs.iter_mut().chain(&mut held_out) {
         forget_unused(log);
     }

@@ -10,7 +10,7 @@ const MOST_ROWS: usize = 72_000_000;
 
 /// Runs it.
 pub fn export(call: &ExportCall) -> Result<(), Failure> {
-    let logs = super::logs::read(std::slice::from_ref(&call.log), &call.read, MOST_ROWS)?;
+    let logs = super::logs::read(std::slice::from_ref(&call.log), &[], &call.read, MOST_ROWS)?;
     let [log] = logs.as_slice() else { return Err(Failure::call("one log at a time")) };
     log::export(&call.out, log)?;
     if call.out.extension().is_some_and(|end| end.eq_ignore_ascii_case("npy")) {

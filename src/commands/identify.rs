@@ -70,7 +70,7 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if let From::Plant(model) = &from {
         warnings.extend(model.warnings());
     }
-    let logs = super::logs::read(&call.logs, &call.read, MOST_ROWS)?;
+    let logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
     warnings.extend(logs.iter().flat_map(log::warnings));
     if kind != "bouc-wen-static" {
         warnings.extend(assumed_mass(call));

@@ -9,14 +9,19 @@ use std::path::{Path, PathBuf};
 /// Files below this size can't hold millions of rows.
 const LARGE_BYTES: u64 = 100_000_000;
 
-/// Reads whole logs of at most `most_rows` each, named by their files; those of one name by their paths.
-pub fn read(paths: &[PathBuf], arguments: &ReadArguments, most_rows: usize) -> Result<Vec<Log>, Failure> {
+/// Reads whole logs of at most `most_rows` each, named by their files; by their paths where these and those `beside` them have one of the same name.
+pub fn read(
+    paths: &[PathBuf],
+    beside: &[PathBuf],
+    arguments: &ReadArguments,
+    most_rows: usize,
+) -> Result<Vec<Log>, Failure> {
     let mut logs = Vec::new();
     for path in paths {
         refuse_too_long(path, arguments, most_rows)?;
         let mut log = log::read(path, &arguments.options())?;
         let of_name = |other: &&PathBuf| output::file_name(other) == output::file_name(path);
-        let is_alone = paths.iter().filter(of_name).count() == 1;
+        let is_alone = paths.iter().chain(beside).filter(of_name).count() == 1;
         log.name = if is_alone { output::file_name(path) } else { path.display().to_string() };
         logs.push(log);
     }

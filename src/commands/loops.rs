@@ -12,31 +12,39 @@ use std::path::Path;
 const TIMER_CLOCK_HZ: u32 = 170_000_000;
 
 /// Margins of the loop that the `settings` of a controller file close around `chain`, and a warning where they are thin; an unstable one is refused.
+/// The nearest rate and delay that would do are told where they `can_be`.
 pub fn judge(
     path: &Path,
     settings: &Settings,
     rate_hz: f64,
     delay_s: f64,
     chain: &Chain,
+    can_be: impl Fn(&Suggestion) -> bool,
 ) -> Result<(Assessment, Option<String>), Failure> {
     let regions = chain.linear_regions()?;
     let law = sampled_loop(settings, rate_hz, delay_s, chain);
     let assessment = assess(&regions, &law)?;
+    if matches!(assessment.verdict, Verdict::Stable { .. }) {
+        return Ok((assessment, None));
+    }
+    let told = advised(&assessment, &regions, &law, can_be)?;
     match assessment.verdict {
-        Verdict::Unstable { .. } => Err(Failure::call(advised(&assessment, &regions, &law)?).about(path)),
-        Verdict::BelowSixDb { .. } => {
-            let warning = advised(&assessment, &regions, &law)?;
-            Ok((assessment, Some(format!("{}: {warning}", path.display()))))
-        }
-        Verdict::Stable { .. } => Ok((assessment, None)),
+        Verdict::Unstable { .. } => Err(Failure::call(told).about(path)),
+        _ => Ok((assessment, Some(format!("{}: {told}", path.display())))),
     }
 }
 
-/// What was found of a loop, with the nearest rate and delay that would do better.
-pub fn advised(assessment: &Assessment, regions: &[LinearRegion], law: &Loop) -> Result<String, MarginError> {
+/// What was found of a loop, with the nearest rate and delay that would do better where they `can_be`.
+pub fn advised(
+    assessment: &Assessment,
+    regions: &[LinearRegion],
+    law: &Loop,
+    can_be: impl Fn(&Suggestion) -> bool,
+) -> Result<String, MarginError> {
     Ok(match nearest_stable(regions, law, TIMER_CLOCK_HZ)? {
         Suggestion::AsAsked { .. } => assessment.to_string(),
-        suggestion => format!("{assessment}; {suggestion}"),
+        suggestion if can_be(&suggestion) => format!("{assessment}; {suggestion}"),
+        _ => assessment.to_string(),
     })
 }
 

@@ -6,7 +6,7 @@ use crate::commands::link::{faults, in_fault, leaving, link_facts, open, put_bac
 use crate::commands::loops::within_rig;
 use crate::failure::Failure;
 use crate::output;
-use control_core::{FaultCode, Settings};
+use control_core::{FaultCode, Limits, Settings};
 use hil_bridge::experiments::{Experiment, demagnetising};
 use hil_bridge::faulty::Faulty;
 use hil_bridge::link::{Link, Place};
@@ -142,12 +142,14 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
     let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
-    let limited = |((outcome, name), samples): ((&Outcome, &String), &usize)| {
-        let warning = outcome.limited.warning(*samples).filter(|_| outcome.fault.is_none());
+    let limited = |((experiment, outcome), (name, samples)): ((&Experiment, &Outcome), (&String, &usize))| {
+        // The edge of a step is slewed; that says nothing where no loop follows it.
+        let is_edge = experiment.controller.is_none() && outcome.limited.limits == Limits::SLEW;
+        let warning = outcome.limited.warning(*samples).filter(|_| outcome.fault.is_none() && !is_edge);
         warning.map(|warning| format!("{name}: {warning}"))
     };
-    let limited: Vec<String> = ending.outcomes.iter().zip(&names).zip(&samples).filter_map(limited).collect();
-    output::warn(&limited);
+    let played = plan.experiments.iter().zip(&ending.outcomes).zip(names.iter().zip(&samples));
+    output::warn(&played.filter_map(limited).collect::<Vec<_>>());
     output::warn(stays.as_slice());
     say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
     verdict(call, &names, &ending)
@@ -280,16 +282,28 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
 
 /// Controllers whose limits, which hold while their loops run, are wider than what the board itself is set to.
 fn wider_limits(call: &RecordCall, plan: &Plan, own: &Parameters) -> Vec<String> {
-    let told = |low_v: f32, high_v: f32, trip_m: f32| format!("{low_v} to {high_v} V and {:.2} um", trip_m * 1e6);
+    let told = |of: &Parameters| {
+        let [clamp_um, trip_um] = [of.reference_max_m, of.trip_m].map(|m| m * 1e6);
+        let Parameters { drive_min_v, drive_max_v, slew_v_per_s, .. } = of;
+        format!("{drive_min_v} to {drive_max_v} V, {slew_v_per_s} V/s, clamp {clamp_um:.2} um and trip {trip_um:.2} um")
+    };
     let wider = |(path, settings): (&PathBuf, &Settings)| {
-        let Settings { drive_min_v, drive_max_v, trip_m, .. } = *settings;
-        let is_wider = drive_min_v < own.drive_min_v || drive_max_v > own.drive_max_v || trip_m > own.trip_m;
+        let set = own.with_settings(settings);
+        let is_wider = set.drive_min_v < own.drive_min_v
+            || [
+                [set.drive_max_v, own.drive_max_v],
+                [set.slew_v_per_s, own.slew_v_per_s],
+                [set.reference_max_m, own.reference_max_m],
+                [set.trip_m, own.trip_m],
+            ]
+            .iter()
+            .any(|[set, own]| set > own);
         is_wider.then(|| {
             format!(
                 "{}: its limits, {}, hold in closed loop in place of the board's narrower ones, {}",
                 path.display(),
-                told(drive_min_v, drive_max_v, trip_m),
-                told(own.drive_min_v, own.drive_max_v, own.trip_m),
+                told(&set),
+                told(own)
             )
         })
     };

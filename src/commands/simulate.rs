@@ -42,7 +42,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
                 settings.feedforward_v_per_m = 0.0;
             }
             controller_name = Some(output::file_name(path));
-            let (assessment, warning) = judge(path, &settings, call.rate, delay_s(call), &chain)?;
+            let (assessment, warning) = judge(path, &settings, call.rate, delay_s(call), &chain, |_| true)?;
             warnings.extend(warning);
             let least_db = assessment.gain_margin_db.value;
             let told = if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() };

@@ -167,9 +167,19 @@ impl Hypothesis {
 
     /// This with those of its forms that `keep`, given the place of each, says. A start that is not kept leaves no state free, which would do the work of others.
     pub fn keeping(&self, keep: impl Fn(usize, &Installed) -> bool) -> Self {
-        let kept = self.installed.iter().enumerate().filter(|(place, installed)| keep(*place, installed));
-        let installed: Vec<Installed> = kept.map(|(_, installed)| installed.clone()).collect();
-        let kept = Self { installed, usually_held: self.usually_held.clone(), ..Self::nominal(self.own_freedom) };
+        let added: usize = self.installed.iter().map(|installed| installed.holds.len()).sum();
+        // Of the plant's own hysterons first, then of those of each form.
+        let mut at = self.usually_held.len().saturating_sub(added);
+        let (mut installed, mut usually_held) = (Vec::new(), self.usually_held[..at].to_vec());
+        for (place, form) in self.installed.iter().enumerate() {
+            let held = at..at + form.holds.len();
+            at = held.end;
+            if keep(place, form) {
+                usually_held.extend_from_slice(self.usually_held.get(held).unwrap_or_default());
+                installed.push(form.clone());
+            }
+        }
+        let kept = Self { installed, usually_held, ..Self::nominal(self.own_freedom) };
         if kept.has_start() { Self { freedom: self.freedom, ..kept } } else { kept }
     }
 

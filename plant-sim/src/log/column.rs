@@ -114,7 +114,7 @@ impl Column {
             Self::Command | Self::Drive => ("V", &[]),
             // A sensor's volts are no displacement yet.
             Self::Displacement | Self::Reference | Self::Predicted => {
-                ("m", &["cm", "dm", "inch", "mil", "ft", "V", "mV"])
+                ("m", &["cm", "dm", "inch", "inches", "mil", "ft", "V", "kV", "mV", "uV", "nV"])
             }
             Self::Force => ("N", &["gf", "kgf", "lbf"]),
             Self::Current => ("A", &[]),
@@ -123,6 +123,7 @@ impl Column {
         let Some((_, unit)) = name.trim().trim_end_matches([']', ')']).rsplit_once(['_', '[', '(']) else {
             return Ok(self.file_exponent());
         };
+        let unit = unit.trim();
         match unit.strip_suffix(symbol) {
             Some("") => Ok(0),
             Some("k") => Ok(3),
@@ -224,7 +225,7 @@ pub(crate) struct Wanted {
 }
 
 impl Wanted {
-    /// Whether a file without this column is refused: those every log has, and those the user named or gave a scale.
+    /// Whether a file without this column is refused: those every log has, and those the user named.
     pub(crate) fn is_required(&self) -> bool {
         self.mapped || matches!(self.column, Column::Command | Column::Displacement)
     }
@@ -254,7 +255,7 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
             Wanted {
                 column,
                 name: mapped.map_or_else(|| column.file_name().to_owned(), |name| name.trim().to_owned()),
-                mapped: mapped.is_some() || options.scale.contains_key(column.key()),
+                mapped: mapped.is_some(),
             }
         })
         .collect())

@@ -314,7 +314,7 @@ pub enum LogError {
     },
     /// A column's name ends in a unit that is not read from names.
     #[error(
-        "--columns {key}={name}: {unit} is not a unit that is known by its name; say what one of it is in SI, --scale {key}=FACTOR"
+        "--columns {key}={name}: {unit} is no unit of this that is known by its name; say what one of it is in SI, --scale {key}=FACTOR"
     )]
     OtherUnit {
         /// The column's name.

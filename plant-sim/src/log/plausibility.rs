@@ -50,7 +50,7 @@ pub fn warnings(log: &Log) -> Vec<String> {
     let length_s = log.len() as f64 * log.dt_s;
     if log.meta.latency_s >= length_s {
         warn(format!(
-            "its latency, latency_us of {} us, is longer than the log of {length_s} s: no command of it acts",
+            "its latency, latency_us of {} us, is as long as the log of {length_s:.4} s or longer: no command of it acts",
             log.meta.latency_s * 1e6
         ));
     }
