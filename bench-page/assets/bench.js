@@ -1,6 +1,8 @@
 // The socket: says the token first, answers each status with a heartbeat, gives every reply to whoever asked. Knows no picture.
 
 const CHANNELS = 6;
+/** Statuses come ten times a second; a line without any for so long is lost, whatever the browser still thinks of it. */
+const SILENCE_MS = 2500;
 export const KIND = { live: 1, past: 2, capture: 3, points: 4, spectrum: 5 };
 
 /** A frame's bytes as columns; the layout stands in bench-page/src/watch.rs. */
@@ -29,27 +31,41 @@ export class Bench extends EventTarget {
     this.asked = new Map();
     this.next = 1;
     this.open();
+    setInterval(() => this.watch(), 500);
   }
 
   open() {
     this.refused = null;
+    this.heard = 0;
     this.socket = new WebSocket(`ws://${location.host}/socket`);
     this.socket.binaryType = 'arraybuffer';
     this.socket.onopen = () => this.socket.send(JSON.stringify({ token: this.token }));
     this.socket.onmessage = (event) => this.take(event.data);
-    this.socket.onclose = () => {
-      for (const { reject } of this.asked.values()) reject(new Error('the connection is lost'));
-      this.asked.clear();
-      this.tell('closed', Boolean(this.refused));
-      // A stale token stays stale; everything else may come back, and a page be closed where there were too many.
-      if (!this.refused?.is_final) setTimeout(() => this.open(), 1000);
-    };
+    this.socket.onclose = () => this.close();
+  }
+
+  close() {
+    for (const { reject } of this.asked.values()) reject(new Error('the connection is lost'));
+    this.asked.clear();
+    this.tell('closed', Boolean(this.refused));
+    // A stale token stays stale; everything else may come back, and a page be closed where there were too many.
+    if (!this.refused?.is_final) setTimeout(() => this.open(), 1000);
+  }
+
+  /** A network that is gone closes nothing for minutes. */
+  watch() {
+    const { socket } = this;
+    if (!this.heard || socket.readyState !== WebSocket.OPEN || performance.now() - this.heard < SILENCE_MS) return;
+    socket.onclose = null;
+    socket.onmessage = null;
+    socket.close();
+    this.close();
   }
 
   take(data) {
     if (typeof data !== 'string') return this.tell('frame', unpack(data));
     const message = JSON.parse(data);
-    if (message.kind === 'status') this.say('beat');
+    if (message.kind === 'status') { this.heard = performance.now(); this.say('beat'); }
     if (message.kind === 'reply') {
       const asked = this.asked.get(message.id);
       this.asked.delete(message.id);

@@ -124,6 +124,7 @@ function show(now) {
   // Closing the page that holds control ends the run: not by accident.
   window.onbeforeunload = own.control === 'mine' && mode === 'running' ? (event) => event.preventDefault() : null;
   document.title = `${mode}: hysteron bench`;
+  el('simulated').hidden = mode === 'no board';
   el('fault-bar').hidden = !now?.fault;
   el('fault').textContent = now?.fault ? `fault: ${now.fault}` : '';
   const isMine = own.control === 'mine';
@@ -153,7 +154,10 @@ const press = {
   control: () => ui.order(own.control === 'mine' ? 'release-control' : 'take-control'),
   arm: () => ui.order(status?.lost ? 'reconnect' : 'arm'),
   run: () => ui.order('run'),
-  stop: () => ui.order('stop'),
+  stop: () => {
+    const late = setTimeout(() => note('STOP is not confirmed: use the wired stop', true), 700);
+    return ui.order('stop').finally(() => clearTimeout(late));
+  },
   clear: () => ui.order('clear-fault'),
 };
 for (const [id, action] of Object.entries(press)) el(id).addEventListener('click', action);
@@ -178,8 +182,12 @@ window.addEventListener('keyup', (event) => {
   if (event.key === ' ' && !isText(event.target)) { event.preventDefault(); event.stopPropagation(); }
 }, { capture: true });
 
+/** What a button does, by a key: not where the button can't, and not again and again. */
+const byKey = (id) => (event) => { if (!el(id).disabled && !event.repeat) el(id).click(); };
+
+// With Shift, so that no word typed beside a field starts the bench.
 const keys = {
-  a: press.arm, r: press.run, p: () => scope.pause(), c: () => scope.setCursors(!scope.cursors), t: () => ui.single.click(), y: () => scope.holdScales(),
+  A: byKey('arm'), R: byKey('run'), p: () => scope.pause(), c: () => scope.setCursors(!scope.cursors), t: () => ui.single.click(), y: () => scope.holdScales(),
   '+': () => scope.step(-1), '-': () => scope.step(1), d: turnTheme, '?': () => el('help').showModal(),
   ArrowLeft: () => scope.pan(-(scope.range[1] - scope.range[0]) / 4), ArrowRight: () => scope.pan((scope.range[1] - scope.range[0]) / 4),
 };
@@ -189,7 +197,7 @@ window.addEventListener('keydown', (event) => {
   const action = tab ? () => tab.click() : keys[event.key];
   if (!action) return;
   event.preventDefault();
-  action();
+  action(event);
 });
 
 for (const tab of el('tabs').children) {

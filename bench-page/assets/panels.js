@@ -119,9 +119,10 @@ export class Tree {
   begin(hello) {
     this.fields = hello.parameters;
     this.inputs.clear();
-    const groups = Map.groupBy(this.fields, (field) => field.group);
+    const groups = [...new Set(this.fields.map((field) => field.group))];
     el('tree').replaceChildren();
-    for (const [group, fields] of groups) {
+    for (const group of groups) {
+      const fields = this.fields.filter((field) => field.group === group);
       const part = make('section');
       el('tree').append(make('h2', group), part);
       const rows = table(part, ['', '', ''], fields.map((field) => {
@@ -152,7 +153,12 @@ export class Tree {
     el('undo').disabled = !state.undo;
     el('undo').textContent = state.undo ? `Undo (${state.undo})` : 'Undo';
     const list = el('set-list');
-    if ([...list.options].map((option) => option.value).join() !== state.sets.join()) list.replaceChildren(...state.sets.map((name) => new Option(name)));
+    if ([...list.options].map((option) => option.value).join() !== state.sets.join()) {
+      const chosen = list.value;
+      list.replaceChildren(...state.sets.map((name) => new Option(name)));
+      // Another page's set must not put another one under the finger.
+      if (state.sets.includes(chosen)) list.value = chosen;
+    }
     el('set-load').disabled = !state.sets.length;
     this.mark();
   }

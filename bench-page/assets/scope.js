@@ -122,7 +122,7 @@ export class Scope {
       } else if (frame.length === this.live.length) {
         this.live.put(frame);
       }
-    } else if (frame.kind === 3) {
+    } else if (frame.kind === 3 && this.trigger) {
       this.still = new Store(frame.length);
       this.still.put(frame);
       this.mark = frame.mark;
@@ -150,6 +150,8 @@ export class Scope {
     this.still = null;
     this.mark = NaN;
     if (this.trigger) this.disarm();
+    this.waiting = 0;
+    this.again = false;
     // The window may be another one since.
     this.setWindow(this.window);
     this.show();
@@ -162,7 +164,15 @@ export class Scope {
     const [from, to] = this.view;
     const length = this.lengthFor(to - from);
     const first = Math.max(0, Math.floor(from / length) * length);
-    this.waiting = this.bench.say('past', { first, length, count: Math.min(KEPT - 1, Math.ceil((to - first) / length) + 2) });
+    const count = Math.max(1, Math.min(KEPT - 1, Math.ceil((to - first) / length) + 2));
+    this.waiting = this.bench.say('past', { first, length, count });
+  }
+
+  /** A view of which something is seen: it ends no earlier than the bench began, and begins no later than now. */
+  within([from, to]) {
+    const span = Math.min(to - from, Math.max(2 * this.end, this.window * this.rate));
+    const start = Math.min(Math.max(from, -0.9 * span), this.end - 0.1 * span);
+    return [start, start + span];
   }
 
   zoom(factor, x) {
@@ -170,13 +180,13 @@ export class Scope {
     const about = from + ((x - LEFT) / (this.canvas.clientWidth - LEFT - 12)) * (to - from);
     const span = Math.max(16, (to - from) * factor);
     const share = (about - from) / (to - from);
-    this.view = [about - share * span, about + (1 - share) * span];
+    this.view = this.within([about - share * span, about + (1 - share) * span]);
     this.fetch();
   }
 
   pan(samples) {
     if (!this.view) this.pause();
-    this.view = this.view.map((at) => at + samples);
+    this.view = this.within(this.view.map((at) => at + samples));
     this.fetch();
   }
 
@@ -230,6 +240,7 @@ export class Scope {
     const at = (event) => event.clientX - canvas.getBoundingClientRect().left;
     const share = (event) => Math.min(1, Math.max(0, (at(event) - LEFT) / (canvas.clientWidth - LEFT - 12)));
     canvas.addEventListener('pointerdown', (event) => {
+      if (event.button !== 0) return;
       canvas.setPointerCapture(event.pointerId);
       const near = this.cursors?.findIndex((cursor) => Math.abs(cursor - share(event)) * canvas.clientWidth < 12) ?? -1;
       drag = { x: at(event), cursor: near };
@@ -243,7 +254,7 @@ export class Scope {
       this.pan((moved / (canvas.clientWidth - LEFT - 12)) * (to - from));
       drag.x = at(event);
     });
-    canvas.addEventListener('pointerup', () => { drag = null; });
+    for (const end of ['pointerup', 'pointercancel', 'lostpointercapture']) canvas.addEventListener(end, () => { drag = null; });
     canvas.addEventListener('dblclick', () => this.goLive());
     canvas.addEventListener('wheel', (event) => {
       event.preventDefault();

@@ -155,6 +155,13 @@ impl History {
         spans.filter(|(level, _)| level.whole > 0).map(|(level, k)| level.oldest() * FOLD.pow(k)).min().unwrap_or(0)
     }
 
+    /// Samples in the shortest column that is kept of sample `number`.
+    pub fn shortest(&self, number: u64) -> u64 {
+        let spans = self.levels.iter().zip((0_u32..).map(|k| FOLD.pow(k)));
+        let mut kept = spans.filter(|(level, span)| level.whole > 0 && level.oldest() * span <= number);
+        kept.next().map_or(1, |(_, span)| span)
+    }
+
     /// One sample, if it is still kept whole.
     pub fn sample(&self, number: u64) -> Option<&Column> {
         let raw = &self.levels[0];

@@ -91,6 +91,11 @@ impl Recorder {
         Ok(())
     }
 
+    /// Notes a fault of the board: a run with one is not whole, even where it was cleared before the end.
+    pub fn fault(&mut self, fault: control_core::FaultCode) {
+        self.outcome.fault.get_or_insert(fault);
+    }
+
     /// Notes what happened before the next row.
     ///
     /// # Errors
@@ -114,7 +119,7 @@ impl Recorder {
     /// # Errors
     /// [`RunError`].
     pub fn finish(self, statistics: &Statistics, fault: Option<control_core::FaultCode>) -> Result<(), RunError> {
-        let outcome = Outcome { fault, ..self.outcome };
+        let outcome = Outcome { fault: self.outcome.fault.or(fault), ..self.outcome };
         self.directory.finish(statistics, &outcome)
     }
 }

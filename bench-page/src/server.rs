@@ -6,8 +6,8 @@
 //! | `/socket` | all else; its first message is the token |
 //! | `/report/TICKET/report.html` | the last diagnosis; the ticket is told over the socket |
 //!
-//! Everything runs in one thread beside the engine's. A socket's task holds one frame at most: while that is on its way, the next ones are left out.
-//! An answer that takes its time is sent when it is there; until then the page is listened to, its beats and its stop above all.
+//! Everything runs in one thread beside the engine's. What a page says is heard whatever is on its way to it: a stop waits for no picture. While a
+//! frame is on its way the next ones are left out, and a page that takes nothing for half a minute is gone.
 
 use crate::access::{Gate, Token};
 use crate::engine::{CHANNEL_TABLE, Engine, Wish};
@@ -21,6 +21,8 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use futures_util::stream::SplitStream;
+use futures_util::{Sink, SinkExt, StreamExt};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::VecDeque;
@@ -32,7 +34,7 @@ use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, mpsc};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
 /// The page's files: address, type, content.
@@ -55,6 +57,10 @@ const REPORT_POLICY: &str = "sandbox allow-scripts; frame-ancestors 'none'";
 
 /// How long a new page may take to show its token.
 const TOKEN_TIME: Duration = Duration::from_secs(5);
+/// How long a message may be on its way before the page counts as gone: a network that is lost closes no socket.
+const SENDING_TIME: Duration = Duration::from_secs(30);
+/// Answers that a page may ask for without listening to them.
+const MOST_UNHEARD: usize = 256;
 /// Longest message of a page; the longest is a set of parameters.
 const MOST_BYTES: usize = 1 << 16;
 /// Frames between two statuses, loops and spectra.
@@ -253,6 +259,15 @@ enum Asked {
     Compare { names: Vec<String> },
 }
 
+/// Sends what a page is to get, until it takes nothing more.
+async fn write(mut sink: impl Sink<Message> + Unpin, mut unsent: mpsc::Receiver<Message>) {
+    while let Some(message) = unsent.recv().await {
+        if !matches!(timeout(SENDING_TIME, sink.send(message)).await, Ok(Ok(()))) {
+            return;
+        }
+    }
+}
+
 /// Counts a page as long as it is there.
 struct Present(Arc<Served>);
 
@@ -285,7 +300,11 @@ async fn page(mut socket: WebSocket, served: Arc<Served>) {
         orders: VecDeque::new(),
         reads: VecDeque::new(),
     };
-    page.talk(&mut socket).await;
+    let (sink, heard) = socket.split();
+    let (sender, unsent) = mpsc::channel(1);
+    let writer = tokio::spawn(write(sink, unsent));
+    page.talk(heard, sender).await;
+    writer.abort();
     drop(present);
     let had = served.lease().release(id);
     if had {
@@ -361,25 +380,32 @@ struct Page {
 }
 
 impl Page {
-    async fn talk(&mut self, socket: &mut WebSocket) {
+    async fn talk(&mut self, mut heard: SplitStream<WebSocket>, sender: mpsc::Sender<Message>) {
+        let mut unsent = VecDeque::new();
         let mut frames = interval(Duration::from_secs(1) / FRAMES);
         // A page that was slow gets the next frame when it is due, not all that it missed.
         frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
-            let messages = tokio::select! {
-                message = socket.recv() => match message {
-                    Some(Ok(Message::Text(text))) => self.answer(&text).into_iter().collect(),
-                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
+            tokio::select! {
+                message = heard.next() => match message {
+                    Some(Ok(Message::Text(text))) => unsent.extend(self.answer(&text)),
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
                     Some(Ok(Message::Binary(_) | Message::Close(_)) | Err(_)) | None => return,
                 },
-                answer = first(&mut self.orders) => vec![answer],
-                answer = first(&mut self.reads) => vec![answer],
-                _ = frames.tick() => self.frame(),
-            };
-            for message in messages {
-                if socket.send(message).await.is_err() {
-                    return;
+                permit = sender.reserve(), if !unsent.is_empty() => match (permit, unsent.pop_front()) {
+                    (Ok(permit), Some(message)) => permit.send(message),
+                    // The writer has given up.
+                    _ => return,
+                },
+                answer = first(&mut self.orders) => unsent.push_back(answer),
+                answer = first(&mut self.reads) => unsent.push_back(answer),
+                _ = frames.tick() => {
+                    let is_free = unsent.is_empty() && sender.capacity() > 0;
+                    unsent.extend(if is_free { self.frame() } else { Vec::new() });
                 }
+            }
+            if unsent.len() > MOST_UNHEARD {
+                return;
             }
         }
     }

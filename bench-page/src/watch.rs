@@ -170,9 +170,11 @@ impl Watch {
 
 /// Columns of the past.
 pub fn past(history: &History, id: u32, first: u64, length: u64, count: usize) -> Vec<u8> {
-    let length = length.clamp(1, 1 << 20).next_power_of_two();
     // Nothing is older than the oldest column, and nothing newer than now.
-    let first = first.clamp(history.oldest(), history.end()) / length * length;
+    let first = first.clamp(history.oldest(), history.end());
+    // Columns are as long as they say: where shorter ones are gone, longer ones come, and none is shown as if it were a sample.
+    let length = length.clamp(1, 1 << 20).next_power_of_two().max(history.shortest(first));
+    let first = first / length * length;
     let left = history.end().saturating_sub(first).div_ceil(length) as usize;
     let columns = history.columns(first, length, count.min(MOST_COLUMNS).min(left));
     frame(Kind::Past, id, first, length, f64::NAN, &columns)
@@ -363,6 +365,13 @@ mod tests {
         for (first, length) in [(u64::MAX, 1), (0, u64::MAX), (u64::MAX, u64::MAX)] {
             header(&past(&history, 7, first, length, usize::MAX));
         }
+        // What is no longer kept whole comes in columns as long as they say.
+        fill(&mut history, 300_000);
+        let of = |first| {
+            let (_, _, first, length, _) = header(&past(&history, 7, first, 1, 64));
+            (first, length)
+        };
+        assert_eq!((of(1000), of(309_000)), ((992.0, 32.0), (309_000.0, 1.0)));
         let (kind, count, _, stride, _) = header(&points(&history, 9000));
         assert_eq!((kind, count, stride), (4, 3000, 3.0));
     }

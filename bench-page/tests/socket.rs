@@ -180,6 +180,7 @@ fn a_fault_is_named_and_left_by_hand() {
     // 70 V hold the bender at 132 um: beyond the trip of 120 um.
     page.order("take-control").expect("it is free");
     page.ask(json!({ "do": "play", "text": "hold:70V" })).expect("a SPEC");
+    page.ask(json!({ "do": "record", "name": "tripped" })).expect("room on the disk");
     for what in ["arm", "run"] {
         page.order(what).expect(what);
     }
@@ -187,6 +188,10 @@ fn a_fault_is_named_and_left_by_hand() {
     assert!(page.order("arm").is_err());
     page.order("clear-fault").expect("at 0 V");
     page.mode("idle");
+    // Cleared before its end, it is a fault of the recording all the same.
+    page.order("end-record").expect("there is one");
+    let link = std::fs::read_to_string(bench.runs.join("tripped/link.json")).expect("a recording");
+    assert!(link.contains("\"fault\": \"displacement_trip\""), "{link}");
 }
 
 #[test]
@@ -457,6 +462,26 @@ fn a_stack_without_negative_volts_gets_no_set_of_zeros() {
 /// Its folder is taken away: what is to be written at the end has no place.
 #[cfg(target_os = "linux")]
 #[test]
+fn a_recording_that_every_page_has_left_ends() {
+    let bench = in_process();
+    let mut page = bench.page();
+    page.run();
+    page.ask(json!({ "do": "record", "name": "left" })).expect("room on the disk");
+    page.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
+    drop(page);
+    let link = bench.runs.join("left/link.json");
+    let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
+    let begun = std::time::Instant::now();
+    while !is_complete() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "it goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let mut next = bench.page();
+    next.until("no recording", |message| message["kind"] == "status" && message["recording"].is_null());
+    next.event("the recording was left by every page, and ends");
+}
+
+#[test]
 fn a_recording_that_cannot_be_ended_well_is_said_so() {
     let bench = in_process();
     let mut page = bench.page();
@@ -571,6 +596,9 @@ fn a_watcher_that_reads_nothing_loses_frames_and_holds_nobody_up() {
     fast.until("ten seconds", |message| message["kind"] == "status" && time(message) > from + 10.0);
     let own = fast.until("its own", |message| message["kind"] == "page");
     assert_eq!(own["lost_samples"], 0, "{own}");
+    // Its stop waits for no picture.
+    slow.send(&json!({ "do": "stop" }));
+    fast.mode("idle");
     // What was on its way comes first; then it is told what it missed.
     slow.until("losses", |message| {
         message["lost_frames"].as_u64().is_some_and(|n| n > 10)

@@ -33,6 +33,8 @@ const CHUNK: Duration = Duration::from_millis(8);
 const AHEAD: usize = 256;
 /// A loop that is behind wall time by so much has lost it, and does not run after it.
 const BEHIND: Duration = Duration::from_millis(100);
+/// Rows of a recording: an hour at 20 kHz, as of `hysteron record`.
+const MOST_RECORDED: usize = 72_000_000;
 /// How often the state of the moment is published.
 const STATUS: Duration = Duration::from_millis(100);
 /// How often the board is asked for its own account.
@@ -231,6 +233,7 @@ impl<'a> Worker<'a> {
         if self.has_left {
             return;
         }
+        self.end_forgotten();
         if !self.is_resting() {
             let due = self.due();
             self.chunk(due);
@@ -238,6 +241,19 @@ impl<'a> Worker<'a> {
         self.look_at_diagnosis();
         if self.published.elapsed() >= STATUS {
             self.publish();
+        }
+    }
+
+    /// Ends a recording of a board that is idle and that nobody looks at, and one as long as any: it would go on until the disk is full.
+    fn end_forgotten(&mut self) {
+        let Some(recorder) = &self.recorder else { return };
+        let is_idle = self.line.as_ref().is_none_or(|line| line.mode == ModeName::Idle as u8);
+        let is_seen = self.shared.watchers.load(Ordering::Relaxed) > 0;
+        let is_long = recorder.rows >= MOST_RECORDED;
+        if is_long || is_idle && !is_seen && !self.is_set_running {
+            let why = if is_long { "is as long as one may be" } else { "was left by every page" };
+            self.event(false, format!("the recording {why}, and ends"));
+            let _ = self.end_recording(None);
         }
     }
 
@@ -393,6 +409,9 @@ impl<'a> Worker<'a> {
             if fault != self.fault {
                 self.fault = fault;
                 if let Some(fault) = fault {
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.fault(fault);
+                    }
                     self.event(true, format!("fault: {}", fault.word().replace('_', " ")));
                 }
             }

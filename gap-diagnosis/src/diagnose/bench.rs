@@ -348,8 +348,12 @@ impl<'a> Bench<'a> {
 
     /// Which of them say what the hysterons hold, in their order: none where logs begin relaxed.
     pub(super) fn held_places(&self, hypothesis: &Hypothesis, index: usize) -> Range<usize> {
-        let at = self.own_start(hypothesis, index) + 1;
-        at..at + if hypothesis.freedom == Freedom::Relaxed { 0 } else { self.hysterons(hypothesis) }
+        let at = self.own_start(hypothesis, index);
+        match hypothesis.freedom {
+            Freedom::Relaxed => at..at,
+            // Behind the volts before.
+            Freedom::Rest | Freedom::Any => at + 1..at + 1 + self.hysterons(hypothesis),
+        }
     }
 
     /// Coordinates of log `index` that its first stretch tells: those of the start, then the forms' own.

@@ -3,8 +3,8 @@
 use super::super::{Order, Wish};
 use super::{Hosted, Play, Worker, connect};
 use crate::engine::model::{judge, within_rig};
-use crate::parameters;
 use crate::recorder::{Recorder, Subject, file_name, free_name};
+use crate::{parameters, runs};
 use control_core::{FaultCode, GeneratorState, ModeName, Settings};
 use hil_bridge::lockstep::LockstepError;
 use hil_bridge::run_directory::RunError;
@@ -71,7 +71,10 @@ impl Worker<'_> {
             Wish::Save(name) => self.save(&name),
             Wish::Load(name) => {
                 let before = self.parameters()?;
-                let controller = Controller::read(&self.set_path(&name)?).map_err(|error| error.to_string())?;
+                let controller = Controller::read(&self.listed_set(&name)?).map_err(|error| error.to_string())?;
+                if controller.inverse.is_some() {
+                    return Err(format!("{name}: [inverse] runs in `hysteron simulate` only: remove the section"));
+                }
                 let after = before.with_settings(&controller.settings(self.setting.rate_hz));
                 self.set_parameters(&before, after, true).map(|done| format!("{name}: {done}"))
             }
@@ -289,6 +292,12 @@ impl Worker<'_> {
         }
     }
 
+    /// The set that is listed under this name, whatever its file is called.
+    fn listed_set(&self, name: &str) -> Result<PathBuf, String> {
+        let listed = runs::sets(&self.setting.runs.join(SETS)).iter().any(|listed| listed == name);
+        if listed { Ok(self.setting.runs.join(SETS).join(format!("{name}.toml"))) } else { self.set_path(name) }
+    }
+
     fn save(&mut self, name: &str) -> Result<String, String> {
         let path = self.set_path(name)?;
         let settings = self.parameters()?.settings();
@@ -355,7 +364,7 @@ impl Worker<'_> {
         if self.line.is_some() {
             return Err("the board is there".to_owned());
         }
-        let line = match connect(&self.setting, false, self.left) {
+        let line = match connect(&self.setting, self.setting.clear_fault, self.left) {
             // What a board makes of a lost host is no news to whoever asks it back.
             Err(LockstepError::InFault { fault, .. }) if fault == FaultCode::LinkLoss.word().replace('_', " ") => {
                 connect(&self.setting, true, self.left)
