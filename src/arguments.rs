@@ -379,7 +379,7 @@ pub struct DesignCall {
     /// Plant, a model file
     #[arg(long, value_name = "P.toml")]
     pub plant: PathBuf,
-    /// Controller to check, or whose limits and shaping the design takes; refused where they lie beyond the plant's [rig]
+    /// Controller to check, or whose limits and shaping the design takes; refused where they lie beyond the plant's rig
     #[arg(long, value_name = "C.toml")]
     pub controller: Option<PathBuf>,
     /// Samples per second

@@ -19,7 +19,7 @@ pub fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
-/// Whether [`write`] could begin a file at `path`; nothing of it stays.
+/// Whether a file could be begun at `path`; nothing of it stays.
 ///
 /// # Errors
 /// As [`WholeFile::create`].
