@@ -354,6 +354,31 @@ mod tests {
     }
 
     #[test]
+    fn what_hysterons_usually_hold_goes_with_their_form() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![0.0; 400], ..Log::default() };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let with = |hypothesis: Hypothesis, id: &str| {
+            let effect = find(id).expect("an entry");
+            hypothesis.with(effect, &effect.forms()[0], &bench.scales())
+        };
+        let mut both = with(with(Hypothesis::nominal(Freedom::Rest), "creep"), "extra_hysteron");
+        let [own, creep, extra] = [2, both.installed[0].holds.len(), both.installed[1].holds.len()];
+        assert!(creep > 0 && extra > 0);
+        let held = |i: usize| Some(Held { mean: i as f64, ..Held::NOTHING });
+        both.usually_held = (0..own + creep + extra).map(held).collect();
+        let kept = |keep: usize| -> Vec<f64> {
+            let kept = both.keeping(|place, _| place == keep);
+            kept.usually_held.iter().flatten().map(|held| held.mean).collect()
+        };
+        let numbers = |of: std::ops::Range<usize>| (0..own).chain(of).map(|i| i as f64).collect::<Vec<_>>();
+        assert_eq!(kept(0), numbers(own..own + creep));
+        assert_eq!(kept(1), numbers(own + creep..own + creep + extra));
+        both.usually_held.clear();
+        assert!(both.keeping(|_, _| true).usually_held.is_empty());
+    }
+
+    #[test]
     fn another_log_has_what_the_logs_have_in_common_and_no_more() {
         let near = |one: f64, other: f64| (one - other).abs() < 1e-12;
         let same = of(&[2.0, 2.0, 2.0]);
