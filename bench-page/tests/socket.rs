@@ -342,8 +342,7 @@ fn a_board_that_is_gone_is_said_and_asked_back() {
     let bench = start(cut(&switch));
     let mut page = bench.page();
     page.run();
-    page.ask(json!({ "do": "record", "name": "cut" })).expect("room on the disk");
-    page.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
+    page.record("cut");
     switch.store(1, Ordering::Relaxed);
     let lost = page.until("lost", |message| message["kind"] == "status" && message["mode"] == "no board");
     assert!(lost["lost"].as_str().is_some_and(|line| line.contains("look after cable")), "{lost}");
@@ -459,15 +458,12 @@ fn a_stack_without_negative_volts_gets_no_set_of_zeros() {
     assert!(page.order("experiments").is_err_and(|line| line.contains("stands 0 to 90 V")));
 }
 
-/// Its folder is taken away: what is to be written at the end has no place.
-#[cfg(target_os = "linux")]
 #[test]
 fn a_recording_that_every_page_has_left_ends() {
     let bench = in_process();
     let mut page = bench.page();
     page.run();
-    page.ask(json!({ "do": "record", "name": "left" })).expect("room on the disk");
-    page.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
+    page.record("left");
     drop(page);
     let link = bench.runs.join("left/link.json");
     let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
@@ -481,13 +477,14 @@ fn a_recording_that_every_page_has_left_ends() {
     next.event("the recording was left by every page, and ends");
 }
 
+/// Its folder is taken away: what is to be written at the end has no place.
+#[cfg(target_os = "linux")]
 #[test]
 fn a_recording_that_cannot_be_ended_well_is_said_so() {
     let bench = in_process();
     let mut page = bench.page();
     page.run();
-    page.ask(json!({ "do": "record", "name": "gone" })).expect("room on the disk");
-    page.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
+    page.record("gone");
     std::fs::remove_dir_all(bench.runs.join("gone")).expect("ours");
     assert!(page.order("end-record").is_err_and(|line| line.contains("cannot be written")));
     page.mode("idle");

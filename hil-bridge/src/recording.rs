@@ -21,6 +21,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use wire::Parameters;
 
+/// Most rows of a recording: an hour at 20 kHz.
+pub const MOST_ROWS: usize = 72_000_000;
+
 /// Columns of a log. Only a monitor that is wired reads a drive: in process there is no amplifier, and without one an infinite tolerance says so.
 fn columns(is_closed_loop: bool, place: &Place, parameters: &Parameters) -> Vec<Column> {
     let is_watched = *place != Place::InProcess && parameters.monitor_tolerance_v.is_finite();

@@ -31,20 +31,6 @@ fn fail(part: &Part, reason: String) -> SpecError {
     SpecError { part: part.shape.kind().to_owned(), reason, in_file: matches!(part.shape, Shape::File { .. }) }
 }
 
-/// Why a wave can't be played at this rate, if it can't. Sines and triangles of half the rate would be sampled where they are zero.
-fn too_fast(shape: &Shape, rate_hz: f64) -> Option<String> {
-    let half_hz = rate_hz / 2.0;
-    match shape {
-        Shape::Sine { hz } | Shape::DecayingSine { hz } | Shape::Triangle { hz } if *hz >= half_hz => {
-            Some(format!("its {hz} Hz must lie below half the rate, {half_hz} Hz"))
-        }
-        Shape::Square { hz } | Shape::Sweep { hz: [_, hz], .. } if *hz > half_hz => {
-            Some(format!("its {hz} Hz must not be above half the rate, {half_hz} Hz"))
-        }
-        _ => None,
-    }
-}
-
 impl Program {
     /// Lays `spec` out at `rate_hz`.
     ///
@@ -88,9 +74,6 @@ impl Program {
             let whole = |seconds: f64| (seconds * self.rate_hz).round().clamp(1.0, f64::from(u32::MAX)) as u32;
             let samples = part.seconds.map_or(u32::MAX, whole);
             let add = |e: control_core::SegmentError| fail(part, e.to_string());
-            if let Some(reason) = too_fast(&part.shape, self.rate_hz) {
-                return Err(fail(part, reason));
-            }
             let segment = match &part.shape {
                 Shape::Zero => Segment::zero(samples).map_err(add)?,
                 Shape::Hold => Segment::hold(amplitude, samples).map_err(add)?,

@@ -114,8 +114,12 @@ impl Limited {
         self.limits |= limits;
     }
 
-    /// One line for people where a limit acted in a run of `samples`: it was not what was asked for.
-    pub fn warning(&self, samples: usize) -> Option<String> {
+    /// One line for people where a limit acted in a run of `samples`: it was not what was asked for. That the edge of a step is slewed says nothing
+    /// where no loop follows it.
+    pub fn warning(&self, samples: usize, is_closed_loop: bool) -> Option<String> {
+        if !is_closed_loop && self.limits == Limits::SLEW {
+            return None;
+        }
         let words = self.limits.words().collect::<Vec<_>>().join(", ").replace('_', " ");
         (self.samples > 0).then(|| format!("limits acted in {} of {samples} samples: {words}", self.samples))
     }

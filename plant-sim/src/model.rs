@@ -234,6 +234,15 @@ impl RigSection {
         trip.into_iter().chain(drive).collect()
     }
 
+    /// Whether a loop with these settings stays within the rig.
+    ///
+    /// # Errors
+    /// All that lies beyond, in one line.
+    pub fn check(&self, settings: &Settings) -> Result<(), String> {
+        let beyond: Vec<String> = self.beyond(settings).iter().map(ToString::to_string).collect();
+        if beyond.is_empty() { Ok(()) } else { Err(beyond.join("; ")) }
+    }
+
     /// Lowest and highest drive that it stands.
     pub fn drive_v(&self) -> [f64; 2] {
         [self.drive_min_v.value, self.drive_max_v.value]

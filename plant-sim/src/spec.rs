@@ -508,9 +508,17 @@ pub fn table_samples(shape: &Shape, rate_hz: f64) -> Option<usize> {
 /// A multisine's table holds one period of every realisation, a file's its numbers.
 ///
 /// # Errors
-/// A file that can't be read, or a multisine whose period isn't a whole number of samples.
+/// A file that can't be read, a multisine whose period isn't a whole number of samples, and frequencies that the rate can't show.
 pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, String> {
+    let half_hz = rate_hz / 2.0;
     match shape {
+        // At half the rate they would be sampled where they are zero.
+        Shape::Sine { hz } | Shape::DecayingSine { hz } | Shape::Triangle { hz } if *hz >= half_hz => {
+            Err(format!("its {hz} Hz must lie below half the rate, {half_hz} Hz"))
+        }
+        Shape::Square { hz } | Shape::Sweep { hz: [_, hz], .. } if *hz > half_hz => {
+            Err(format!("its {hz} Hz must not be above half the rate, {half_hz} Hz"))
+        }
         Shape::Multisine { hz, odd, realisations, seed, .. } => {
             let period = rate_hz / hz[0];
             if (period - period.round()).abs() > 1e-6 * period || period > 1e7 {
@@ -520,12 +528,8 @@ pub fn table(shape: &Shape, rate_hz: f64) -> Result<Option<Vec<Vec<f32>>>, Strin
                     rate_hz / period.round().max(1.0)
                 ));
             }
-            if hz[1] >= rate_hz / 2.0 {
-                return Err(format!(
-                    "the highest line {} Hz must lie below half the rate, {} Hz",
-                    hz[1],
-                    rate_hz / 2.0
-                ));
+            if hz[1] >= half_hz {
+                return Err(format!("the highest line {} Hz must lie below half the rate, {half_hz} Hz", hz[1]));
             }
             let samples = period * f64::from(*realisations);
             if samples > MOST_TABLE_SAMPLES || samples * (hz[1] / hz[0]) > MOST_LINE_SAMPLES {

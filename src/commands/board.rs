@@ -2,17 +2,15 @@
 
 use crate::arguments::BoardRunCall;
 use crate::commands::link::in_fault;
-use crate::commands::loops::judge;
+use crate::commands::loops::{Free, judge};
 use crate::failure::Failure;
 use crate::output;
-use control_core::{AdcCode, DacCode, FaultCode, Law, Limits, ModeName, Settings};
+use control_core::{AdcCode, DacCode, FaultCode, Law, ModeName, Settings};
 use hil_bridge::link::Place;
-use hil_bridge::paced;
 use hil_bridge::session::is_ours;
 use plant_sim::controller::Controller;
 use plant_sim::experiment::Program;
 use plant_sim::log::{Column, Meta, Writer};
-use plant_sim::margins::Suggestion;
 use plant_sim::metrics::Limited;
 use plant_sim::model::Model;
 use plant_sim::spec::Unit;
@@ -68,7 +66,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let mut parameters = Parameters { rate_hz: call.rate as f32, ..default };
     if let Some(path) = &call.drive.controller {
         let settings = settings(path, call.rate)?;
-        warnings.extend(loop_warnings(path, &settings, call.rate, LATENCY_S, &model)?);
+        warnings.extend(loop_warnings(path, &settings, call.rate, LATENCY_S, &model, Free::Rate)?);
         parameters = parameters.with_settings(&settings);
     }
     let checked = parameters.check(&converters)?;
@@ -94,8 +92,8 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
         ));
     }
     let limited = Limited::of(report.streamed.iter().map(|sample| sample.limited_by));
-    if report.status.fault == 0 && (is_closed_loop || limited.limits != Limits::SLEW) {
-        warnings.extend(limited.warning(report.rows.len()));
+    if report.status.fault == 0 {
+        warnings.extend(limited.warning(report.rows.len(), is_closed_loop));
     }
     write_log(call, &report, &checked)?;
     output::warn(&warnings);
@@ -133,12 +131,9 @@ pub fn loop_warnings(
     rate_hz: f64,
     latency_s: f64,
     model: &Model,
+    free: Free,
 ) -> Result<Vec<String>, Failure> {
-    // A board's delay is what it is, and of a paced loop it is half of whatever sample is asked for.
-    let is_paced = latency_s == paced::latency_s(rate_hz);
-    let can_be =
-        |suggestion: &Suggestion| !is_paced && !matches!(suggestion, Suggestion::Change { keeps_delay: false, .. });
-    let (_, thin) = judge(path, settings, rate_hz, latency_s, &model.chain(), can_be)?;
+    let (_, thin) = judge(path, settings, rate_hz, latency_s, &model.chain(), free)?;
     let beyond = model.rig.iter().flat_map(|rig| rig.beyond(settings));
     Ok(thin.into_iter().chain(beyond.map(|beyond| format!("{}: {beyond}", path.display()))).collect())
 }

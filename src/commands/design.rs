@@ -1,7 +1,7 @@
 //! `hysteron design`: a controller from a wish, or `--check` of one.
 
 use crate::arguments::DesignCall;
-use crate::commands::loops::{advised, within_rig};
+use crate::commands::loops::{Free, advised, within_rig};
 use crate::failure::Failure;
 use crate::output;
 use control_core::{Inverse, MOST_HYSTERONS};
@@ -442,7 +442,8 @@ fn run_check(
     let found = check(frame, model)?;
     let tracked = if call.track { Some(tracking(frame)?) } else { None };
     let unstable = matches!(found.assessment.verdict, Verdict::Unstable { .. });
-    let advised = || advised(&found.assessment, &frame.chain.linear_regions()?, &frame.law(&frame.settings), |_| true);
+    let advised =
+        || advised(&found.assessment, &frame.chain.linear_regions()?, &frame.law(&frame.settings), Free::Both);
     if matches!(found.assessment.verdict, Verdict::BelowSixDb { .. }) {
         warnings.push(format!("{}: {}", path_of(call).display(), advised()?));
     }

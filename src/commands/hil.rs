@@ -3,6 +3,7 @@
 use crate::arguments::{HilCall, spec_files};
 use crate::commands::board;
 use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
+use crate::commands::loops::Free;
 use crate::failure::Failure;
 use crate::output;
 use hil_bridge::faulty::Faulty;
@@ -70,7 +71,8 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let board = session.greet()?;
     let latency_s = if call.paced { paced::latency_s(call.rate) } else { board.latency_s() };
     let mut warnings = model.live_warnings();
-    warnings.extend(board::loop_warnings(controller, &settings, call.rate, latency_s, &model)?);
+    let free = if call.paced { Free::Neither } else { Free::Rate };
+    warnings.extend(board::loop_warnings(controller, &settings, call.rate, latency_s, &model, free)?);
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     let own = session.parameters()?;
@@ -154,7 +156,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
     }
     if outcome.fault.is_none() {
-        warnings.extend(outcome.limited.warning(samples));
+        warnings.extend(outcome.limited.warning(samples, true));
     }
     warnings.extend(stays);
     output::warn(&warnings);

@@ -11,15 +11,26 @@ use std::path::Path;
 /// Clock of the board's timer, for rates that a board can run: 170 MHz (STM32G474 at its highest clock).
 const TIMER_CLOCK_HZ: u32 = 170_000_000;
 
+/// What of a loop's timing a call can change: advice that asks for more is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Free {
+    /// Rate and delay: nothing but numbers.
+    Both,
+    /// The rate; a board's delay is what it is.
+    Rate,
+    /// Neither by itself: the delay of a paced loop is half a sample.
+    Neither,
+}
+
 /// Margins of the loop that the `settings` of a controller file close around `chain`, and a warning where they are thin; an unstable one is refused.
-/// The nearest rate and delay that would do are told where they `can_be`.
+/// The nearest rate and delay that would do are told as far as they are `free`.
 pub fn judge(
     path: &Path,
     settings: &Settings,
     rate_hz: f64,
     delay_s: f64,
     chain: &Chain,
-    can_be: impl Fn(&Suggestion) -> bool,
+    free: Free,
 ) -> Result<(Assessment, Option<String>), Failure> {
     let regions = chain.linear_regions()?;
     let law = sampled_loop(settings, rate_hz, delay_s, chain);
@@ -27,29 +38,31 @@ pub fn judge(
     if matches!(assessment.verdict, Verdict::Stable { .. }) {
         return Ok((assessment, None));
     }
-    let told = advised(&assessment, &regions, &law, can_be)?;
+    let told = advised(&assessment, &regions, &law, free)?;
     match assessment.verdict {
         Verdict::Unstable { .. } => Err(Failure::call(told).about(path)),
         _ => Ok((assessment, Some(format!("{}: {told}", path.display())))),
     }
 }
 
-/// What was found of a loop, with the nearest rate and delay that would do better where they `can_be`.
+/// What was found of a loop, with the nearest rate and delay that would do better as far as they are `free`.
 pub fn advised(
     assessment: &Assessment,
     regions: &[LinearRegion],
     law: &Loop,
-    can_be: impl Fn(&Suggestion) -> bool,
+    free: Free,
 ) -> Result<String, MarginError> {
+    if free == Free::Neither {
+        return Ok(assessment.to_string());
+    }
     Ok(match nearest_stable(regions, law, TIMER_CLOCK_HZ)? {
         Suggestion::AsAsked { .. } => assessment.to_string(),
-        suggestion if can_be(&suggestion) => format!("{assessment}; {suggestion}"),
-        _ => assessment.to_string(),
+        Suggestion::Change { keeps_delay: false, .. } if free == Free::Rate => assessment.to_string(),
+        suggestion => format!("{assessment}; {suggestion}"),
     })
 }
 
 /// Refuses the settings of a controller file that may go beyond what the rig stands.
 pub fn within_rig(path: &Path, rig: &RigSection, settings: &Settings) -> Result<(), Failure> {
-    let beyond: Vec<String> = rig.beyond(settings).iter().map(ToString::to_string).collect();
-    if beyond.is_empty() { Ok(()) } else { Err(Failure::call(beyond.join("; ")).about(path)) }
+    rig.check(settings).map_err(|beyond| Failure::call(beyond).about(path))
 }

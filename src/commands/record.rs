@@ -3,16 +3,16 @@
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
 use crate::commands::link::{faults, in_fault, leaving, link_facts, open, put_back, session};
-use crate::commands::loops::within_rig;
+use crate::commands::loops::{Free, within_rig};
 use crate::failure::Failure;
 use crate::output;
-use control_core::{FaultCode, Limits, Settings};
+use control_core::{FaultCode, Settings};
 use hil_bridge::experiments::{Experiment, demagnetising};
 use hil_bridge::faulty::Faulty;
 use hil_bridge::link::{Link, Place};
 use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, idle, prepare_task, run_on};
 use hil_bridge::pins;
-use hil_bridge::recording::{Facts, Recording};
+use hil_bridge::recording::{Facts, MOST_ROWS, Recording};
 use hil_bridge::run_directory::{RunError, check_place};
 use hil_bridge::session::{Board, Session};
 use plant_sim::experiment::{Bench, Program, Reach, Setup, open_loop_reach};
@@ -23,8 +23,8 @@ use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::{InputSource, Parameters};
 
-/// Fewest rows that a log has, and the most: an hour at 20 kHz.
-const ROWS: std::ops::RangeInclusive<usize> = 16..=72_000_000;
+/// Fewest rows that a log has, and the most.
+const ROWS: std::ops::RangeInclusive<usize> = 16..=MOST_ROWS;
 
 /// An experiment, ready to be played.
 struct Played {
@@ -143,10 +143,8 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
     let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
     let limited = |((experiment, outcome), (name, samples)): ((&Experiment, &Outcome), (&String, &usize))| {
-        // The edge of a step is slewed; that says nothing where no loop follows it.
-        let is_edge = experiment.controller.is_none() && outcome.limited.limits == Limits::SLEW;
-        let warning = outcome.limited.warning(*samples).filter(|_| outcome.fault.is_none() && !is_edge);
-        warning.map(|warning| format!("{name}: {warning}"))
+        let warning = outcome.limited.warning(*samples, experiment.controller.is_some());
+        warning.filter(|_| outcome.fault.is_none()).map(|warning| format!("{name}: {warning}"))
     };
     let played = plan.experiments.iter().zip(&ending.outcomes).zip(names.iter().zip(&samples));
     output::warn(&played.filter_map(limited).collect::<Vec<_>>());
@@ -244,7 +242,7 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
     let mut warnings = model.live_warnings();
     let latency_s = board.latency_s();
     for (path, settings) in call.controller.iter().zip(&plan.settings) {
-        warnings.extend(board::loop_warnings(path, settings, call.rate, latency_s, model)?);
+        warnings.extend(board::loop_warnings(path, settings, call.rate, latency_s, model, Free::Rate)?);
     }
     let Some(rig) = &model.rig else {
         warnings.push("--plant has no [rig]: whether the stage stands what is played was not checked".into());

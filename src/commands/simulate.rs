@@ -2,7 +2,7 @@
 
 use crate::arguments::SimulateCall;
 use crate::commands::design::inverse;
-use crate::commands::loops::judge;
+use crate::commands::loops::{Free, judge};
 use crate::failure::Failure;
 use crate::output;
 use gap_diagnosis::page::{SimulationView, four_digits, simulation_page};
@@ -42,7 +42,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
                 settings.feedforward_v_per_m = 0.0;
             }
             controller_name = Some(output::file_name(path));
-            let (assessment, warning) = judge(path, &settings, call.rate, delay_s(call), &chain, |_| true)?;
+            let (assessment, warning) = judge(path, &settings, call.rate, delay_s(call), &chain, Free::Both)?;
             warnings.extend(warning);
             let least_db = assessment.gain_margin_db.value;
             let told = if least_db.is_finite() { format!("{least_db:.1} dB") } else { "unbounded".to_owned() };
@@ -60,7 +60,7 @@ pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     metrics.peak_v = recording.command_v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let limited = Limited::of(recording.limited_by.iter().copied());
     (metrics.limited_samples, metrics.shaped_samples) = (limited.samples, limited.shaped_samples);
-    warnings.extend(limited.warning(samples));
+    warnings.extend(limited.warning(samples, call.drive.reference.is_some()));
     if metrics.shaped_samples > 0 {
         facts.push(("reference shaped".to_owned(), format!("{} samples", metrics.shaped_samples)));
     }

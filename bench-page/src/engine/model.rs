@@ -40,9 +40,8 @@ impl Twin {
 /// # Errors
 /// The line that says what lies beyond.
 pub fn within_rig(plant: &Source, settings: &Settings) -> Result<(), String> {
-    let beyond = plant.model.rig.iter().flat_map(|rig| rig.beyond(settings)).map(|beyond| beyond.to_string());
-    let beyond: Vec<String> = beyond.collect();
-    if beyond.is_empty() { Ok(()) } else { Err(format!("{}: {}", plant.name, beyond.join("; "))) }
+    let checked = plant.model.rig.as_ref().map_or(Ok(()), |rig| rig.check(settings));
+    checked.map_err(|beyond| format!("{}: {beyond}", plant.name))
 }
 
 /// What is to be said of the loop that `settings` close around `chain`; unstable ones are refused.

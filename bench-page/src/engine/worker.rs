@@ -15,6 +15,7 @@ use crate::recorder::Recorder;
 use control_core::{FaultCode, Generator, GeneratorState, ModeName, Segment};
 use hil_bridge::link::Link;
 use hil_bridge::lockstep::{LockstepError, Ready, Row, idle, prepare, put_back, sample};
+use hil_bridge::recording::MOST_ROWS;
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::{Session, SessionError};
 use hil_bridge::statistics::Histogram;
@@ -33,8 +34,6 @@ const CHUNK: Duration = Duration::from_millis(8);
 const AHEAD: usize = 256;
 /// A loop that is behind wall time by so much has lost it, and does not run after it.
 const BEHIND: Duration = Duration::from_millis(100);
-/// Rows of a recording: an hour at 20 kHz, as of `hysteron record`.
-const MOST_RECORDED: usize = 72_000_000;
 /// How often the state of the moment is published.
 const STATUS: Duration = Duration::from_millis(100);
 /// How often the board is asked for its own account.
@@ -249,7 +248,7 @@ impl<'a> Worker<'a> {
         let Some(recorder) = &self.recorder else { return };
         let is_idle = self.line.as_ref().is_none_or(|line| line.mode == ModeName::Idle as u8);
         let is_seen = self.shared.watchers.load(Ordering::Relaxed) > 0;
-        let is_long = recorder.rows >= MOST_RECORDED;
+        let is_long = recorder.rows >= MOST_ROWS;
         if is_long || is_idle && !is_seen && !self.is_set_running {
             let why = if is_long { "is as long as one may be" } else { "was left by every page" };
             self.event(false, format!("the recording {why}, and ends"));

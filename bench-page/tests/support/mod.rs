@@ -183,6 +183,12 @@ impl Client {
         self.mode("running");
     }
 
+    /// Begins a recording that has rows.
+    pub fn record(&mut self, name: &str) {
+        self.ask(json!({ "do": "record", "name": name })).expect("room on the disk");
+        self.until("rows", |message| message["recording"]["rows"].as_u64().is_some_and(|rows| rows > 100));
+    }
+
     /// Waits for an event whose words hold `part`.
     pub fn event(&mut self, part: &str) {
         let has = |message: &Value| {
