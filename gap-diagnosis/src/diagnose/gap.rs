@@ -239,7 +239,7 @@ impl LeftWith {
 pub(super) struct Left<'l> {
     /// What it goes with.
     pub with: LeftWith,
-    /// What numbers and starts that are not well known make on the headline's rows.
+    /// What numbers, starts and settings that are not well known make on the headline's rows.
     pub spread: &'l Spread,
     /// Mean square that each fitted log would leave more if the others alone told what is shared, metres squared.
     pub left_out_m2: Option<&'l [f64]>,
@@ -320,8 +320,8 @@ pub(super) fn expected(benches: &Benches<'_>, three: &Three, left: &Left<'_>, se
         let is_charged = random.random::<f64>() < left.spread.charged;
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         let mut made2 = |by_m2: &[f64]| rows * by_m2.iter().map(|m2| m2 * normal().powi(2)).sum::<f64>();
-        let Spread { starts_m2, numbers_m2, charged_m2, .. } = left.spread;
-        let at_rest2 = made2(starts_m2) + made2(numbers_m2);
+        let Spread { starts_m2, settings_m2, numbers_m2, charged_m2, .. } = left.spread;
+        let at_rest2 = [starts_m2, settings_m2, numbers_m2].into_iter().map(|by_m2| made2(by_m2)).sum::<f64>();
         let charged2 = at_rest2 + made2(charged_m2);
         let noise2 = noise2 * (1.0 + NOISE_KNOWN * normal());
         let drawn2 = if is_charged { charged2 } else { at_rest2 };

@@ -53,6 +53,8 @@ const STAYS: f64 = 1.5;
 pub(super) struct Spread {
     /// What the start of each held-out log makes, as far as its first stretch leaves it open.
     pub starts_m2: Vec<f64>,
+    /// The same of what the forms have set anew in each: a zero, a phase.
+    pub settings_m2: Vec<f64>,
     /// What the numbers that all logs share make.
     pub numbers_m2: Vec<f64>,
     /// What they make besides where hysterons hold something when the fitted logs begin, though these agree with hysterons at rest.
@@ -143,7 +145,7 @@ impl<'a> Benches<'a> {
     pub fn spread(&self, begun: &Begun, moves: &[Vec<f64>], if_charged: &[Vec<f64>], charged: f64) -> Spread {
         let Some(held) = &self.held else { return Spread::default() };
         let Begun { variant, starts } = begun;
-        let starts_m2 = starts_m2(held, &variant.hypothesis, starts);
+        let [starts_m2, settings_m2] = starts_m2(held, &variant.hypothesis, starts);
         // Changes add up row by row; along the axes of their products each has a power of its own.
         let powers_m2 = |moves: &[Vec<f64>]| -> Vec<f64> {
             if moves.is_empty() {
@@ -152,7 +154,7 @@ impl<'a> Benches<'a> {
             let moved_m2 = self.moved_m2(held, begun, moves).symmetric_eigenvalues();
             moved_m2.iter().map(|m2| m2.max(0.0)).collect()
         };
-        Spread { starts_m2, numbers_m2: powers_m2(moves), charged_m2: powers_m2(if_charged), charged }
+        Spread { starts_m2, settings_m2, numbers_m2: powers_m2(moves), charged_m2: powers_m2(if_charged), charged }
     }
 
     /// What the predictions for the held-out logs change on the rows that are scored when the coordinates of `variant` are moved by each of `moves`: mean products of the changes, one row and column for each move, metres squared. Starts follow.
@@ -191,10 +193,10 @@ impl<'a> Benches<'a> {
     }
 }
 
-/// Mean square that the start of each held-out log makes on the rows that are scored, as far as its first stretch leaves it open, metres squared. What
-/// is open is one valley as a rule, along which whatever moves makes the others follow: that which matters most counts.
-fn starts_m2(held: &Bench<'_>, hypothesis: &Hypothesis, starts: &[Settled]) -> Vec<f64> {
-    let one = |(index, start): (usize, &Settled)| -> f64 {
+/// Mean squares that the start of each held-out log makes on the rows that are scored, as far as its first stretch leaves it open, and what the forms have
+/// set anew, metres squared. What is open is one valley as a rule, along which whatever moves makes the others follow: that which matters most counts.
+fn starts_m2(held: &Bench<'_>, hypothesis: &Hypothesis, starts: &[Settled]) -> [Vec<f64>; 2] {
+    let one = |(index, start): (usize, &Settled)| -> [f64; 2] {
         let from = scored_from(&held.records[index]);
         let here = play_log(held, hypothesis, &start.z, index);
         let squares = |there: &Vec<f64>| {
@@ -202,9 +204,10 @@ fn starts_m2(held: &Bench<'_>, hypothesis: &Hypothesis, starts: &[Settled]) -> V
             here.iter().zip(&there).skip(from).map(|(here, there)| (here - there).powi(2)).sum::<f64>()
         };
         let both = |ways: [Vec<f64>; 2]| 0.5 * ways.iter().map(squares).sum::<f64>() / scored_rows(held);
-        start.left_open(held, hypothesis, index).into_iter().map(both).fold(0.0, f64::max)
+        start.left_open(held, hypothesis, index).map(|open| open.into_iter().map(both).fold(0.0, f64::max))
     };
-    starts.par_iter().enumerate().map(one).collect()
+    let of_logs: Vec<[f64; 2]> = starts.par_iter().enumerate().map(one).collect();
+    [0, 1].map(|of| of_logs.iter().map(|of_log| of_log[of]).collect())
 }
 
 /// Rows that are scored, in all logs of `held`.

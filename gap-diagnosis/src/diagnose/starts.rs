@@ -143,8 +143,9 @@ impl Settled {
     }
 
     /// Coordinates on either side of these where one of the start's is a sigma of its prior away, or as far as the first stretch allows, and the others
-    /// follow: one pair for each that is free. A prior draws a memory to the edge of what the stretch leaves open, so that no slope tells how far that is.
-    pub fn left_open(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, index: usize) -> Vec<[Vec<f64>; 2]> {
+    /// follow: one pair for each that is free, and apart from these one for each of what the forms have set anew. A prior draws a memory to the edge of what
+    /// the stretch leaves open, so that no slope tells how far that is.
+    pub fn left_open(&self, bench: &Bench<'_>, hypothesis: &Hypothesis, index: usize) -> [Vec<[Vec<f64>; 2]>; 2] {
         let hypothesis = &self.by(hypothesis);
         let stretch = FirstStretch::of_other(bench, hypothesis, index);
         let noise2 = bench.records[index].noise_m.powi(2);
@@ -168,7 +169,8 @@ impl Settled {
         };
         // Of a start that is hardly relaxed by chance nothing is open.
         let open = if self.memories < stretch.memories.len() { 0 } else { stretch.starts };
-        (0..open).map(|place| [1.0, -1.0].map(|sign| way(place, sign))).collect()
+        [0..open, stretch.starts..stretch.places.len()]
+            .map(|places| places.map(|place| [1.0, -1.0].map(|sign| way(place, sign))).collect())
     }
 }
 
@@ -479,7 +481,7 @@ mod tests {
             (squares / (log.len() - from) as f64).sqrt() / bench.records[0].noise_m
         };
         let here = played(&found.z);
-        let open = found.left_open(&bench, &nominal, 0);
+        let [open, _] = found.left_open(&bench, &nominal, 0);
         let farthest = open.iter().flatten().map(|z| apart(&here, &played(z))).fold(0.0, f64::max);
         (found.memories, apart(&log.displacement_m, &here), farthest)
     }
@@ -587,17 +589,31 @@ mod tests {
 
     #[test]
     fn the_first_stretch_tells_how_the_sensor_was_set() {
-        let (model, mut log) = log(&[0.0, 0.0]);
-        log.displacement_m.iter_mut().for_each(|y| *y += 2e-6);
-        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let (model, log) = log(&[0.0, 0.0]);
         let effect = find("sensor_offset").expect("an entry");
         let form = effect.forms().iter().find(|form| form.name == "constant-in-each-log").expect("a form");
-        let set = Hypothesis::nominal(Freedom::Rest).with(effect, form, &bench.scales());
-        let found = sought(&bench, &set, bench.origin(&set), 0);
-        let zero_m = bench.values(&set, &found.z, 0)[0][0];
-        assert!((zero_m - 2e-6).abs() < 2e-9, "{zero_m:e}");
-        // Nothing of the start is open, and the zero is no part of it.
-        assert!(found.memories == 0 && found.left_open(&bench, &set, 0).is_empty());
+        // What is found of a zero of 2 um beside so much more noise, and what else it may be, where others have something like it.
+        let found = |freedom: Freedom, noise_m: f64| {
+            let (mut log, mut random) = (log.clone(), Pcg64::seed_from_u64(8));
+            log.displacement_m.iter_mut().for_each(|y| *y += 2e-6 + noise_m * random.random_range(-1.7..1.7));
+            let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+            let mut set = Hypothesis::nominal(freedom).with(effect, form, &bench.scales());
+            set.installed[0].axes[0].usual = Some([0.0, 1.4]);
+            let found = sought(&bench, &set, bench.origin(&set), 0);
+            let [starts, set_anew] = found.left_open(&bench, &set, 0);
+            // Nothing of the start is open.
+            assert!(found.memories == 0 && starts.is_empty());
+            let [ways] = set_anew.try_into().expect("the zero alone");
+            let zero_m = |z: &[f64]| bench.values(&set, z, 0)[0][0];
+            (zero_m(&found.z) - 2e-6, ways.map(|z| zero_m(&z) - 2e-6))
+        };
+        let (missed_m, _) = found(Freedom::Rest, 0.0);
+        assert!(missed_m.abs() < 2e-9, "{missed_m:e}");
+        // Of 2000 rows with 1 um each: 22 nm, of which 1.4 times as much is allowed; a move of 1.4 um is halved until it is.
+        let (missed_m, [high_m, low_m]) = found(Freedom::Relaxed, 1e-6);
+        let ways_m = [high_m - missed_m, missed_m - low_m];
+        assert!(ways_m.iter().all(|way_m| (1.4e-8..3.5e-8).contains(way_m)), "{ways_m:?}");
+        assert!(missed_m.abs() < 7e-8, "{missed_m:e}");
     }
 
     #[test]
