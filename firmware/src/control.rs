@@ -11,7 +11,7 @@
 use crate::capture::Capture;
 use crate::shared::{self, Reply};
 use crate::{Board, Reading, registers};
-use control_core::{AdcCode, Command, Controller, DacCode, FaultCode, Input, Limits, Mode, ModeName, Output};
+use control_core::{AdcCode, Command, Controller, DacCode, FaultCode, Input, Limits, ModeName, Output};
 use core::mem::MaybeUninit;
 use core::sync::atomic::Ordering::Relaxed;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering, compiler_fence};
@@ -256,7 +256,7 @@ impl Control {
 
     #[inline(always)]
     fn is_host_lost(&self, sample: u32) -> bool {
-        matches!(self.controller.mode(), Mode::Running { .. } | Mode::Stopping { .. })
+        !matches!(self.controller.mode_name(), ModeName::Idle | ModeName::Fault)
             && sample.wrapping_sub(LOOP.heard.load(Relaxed)) > self.set.link_timeout_samples
     }
 

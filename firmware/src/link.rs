@@ -53,7 +53,7 @@ pub struct Facts {
 enum Answer {
     Identity { reference_step_m: f32 },
     Done { sequence: u16 },
-    Refused { sequence: u16, reason: String<120> },
+    Refused { sequence: u16, reason: Reason },
     Parameters(Parameters),
     Status,
     Bridge { index: u32, drive: u16, drive_v: f32, reference_m: f32, limited_by: u8 },
@@ -137,7 +137,7 @@ impl Desk {
                 say(answer).await;
             }
             ToBoard::GetParameters => say(Answer::Parameters(self.parameters)).await,
-            ToBoard::SaveParameters => match store::save(&self.parameters) {
+            ToBoard::SaveParameters => match store::save(self.facts.board, &self.parameters) {
                 Ok(()) => say(Answer::Done { sequence }).await,
                 Err(error) => say(refuse(sequence, error)).await,
             },
@@ -247,10 +247,18 @@ fn stream_pace(rate_hz: u32, wanted: u16) -> (u16, StreamReason) {
 }
 
 fn refuse(sequence: u16, reason: impl fmt::Display) -> Answer {
-    let mut text = String::new();
-    // A reason that is too long ends where the room does.
+    let mut text = Reason(String::new());
     let _ = write!(text, "{reason}");
     Answer::Refused { sequence, reason: text }
+}
+
+/// Why something is refused; what is too long ends where the room does.
+struct Reason(String<120>);
+
+impl Write for Reason {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        text.chars().try_for_each(|letter| self.0.push(letter)).or(Ok(()))
+    }
 }
 
 async fn say(answer: Answer) {
@@ -377,7 +385,7 @@ fn encode_answer(
             capture_samples: capture::SAMPLES as u16,
         }),
         Answer::Done { sequence } => ToHost::Done { sequence: *sequence },
-        Answer::Refused { sequence, reason } => ToHost::Refused { sequence: *sequence, reason },
+        Answer::Refused { sequence, reason } => ToHost::Refused { sequence: *sequence, reason: &reason.0 },
         Answer::Parameters(parameters) => ToHost::Parameters(*parameters),
         Answer::Status => ToHost::Status(status(facts.reset)),
         Answer::Bridge { index, drive, drive_v, reference_m, limited_by } => ToHost::BridgeDrive {

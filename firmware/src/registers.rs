@@ -385,8 +385,8 @@ pub mod line {
 pub mod flash {
     use super::pac;
 
-    /// A double word in this bank could not be corrected: cleared, and where it was, from the bank's start. The NMI calls it.
-    pub fn take_double_error() -> Option<u32> {
+    /// A double word that could not be corrected: cleared, and whether it was one of the second bank. The NMI calls it.
+    pub fn take_double_error() -> Option<bool> {
         let eccr = pac::FLASH.eccr().read();
         let is_first = eccr.eccd();
         if !is_first && !eccr.eccd2() {
@@ -397,7 +397,7 @@ pub mod flash {
             w.set_eccd(is_first);
             w.set_eccd2(!is_first);
         });
-        Some(eccr.addr_ecc())
+        Some(eccr.bk_ecc())
     }
 
     fn unlock() {
@@ -463,9 +463,18 @@ pub mod flash {
         is_done
     }
 
-    /// Forgets what the data cache remembers of the flash, which a write does not tell it.
-    pub fn drop_data_cache() {
+    /// Whether the flash is two banks, of which one can be read while the other is written.
+    pub fn has_two_banks() -> bool {
+        pac::FLASH.optr().read().dbank()
+    }
+
+    /// Nothing is read from the data cache any more.
+    pub fn stop_data_cache() {
         pac::FLASH.acr().modify(|w| w.set_dcen(false));
+    }
+
+    /// The data cache again, without what it remembers of the flash, which a write does not tell it.
+    pub fn start_data_cache() {
         pac::FLASH.acr().modify(|w| w.set_dcrst(true));
         pac::FLASH.acr().modify(|w| w.set_dcrst(false));
         pac::FLASH.acr().modify(|w| w.set_dcen(true));

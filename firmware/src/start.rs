@@ -107,7 +107,7 @@ pub fn run<B: Board>(spawner: Spawner) {
     // SAFETY: no interrupt that reads it is enabled yet; the NMI finds one of two functions.
     unsafe { MAKE_SAFE.get().write_volatile(B::make_safe) };
 
-    let stored = store::load();
+    let stored = store::load(B::NAME);
     let (parameters, checked, is_stored) = first_parameters::<B>(&stored);
     let fault = first_fault(reset, is_crystal && found_mark != MARK_CLOCK, is_stored);
     set_mark(MARK_UP);
@@ -217,7 +217,9 @@ extern "C" fn NonMaskableInt() {
         set_mark(MARK_CLOCK);
         cortex_m::peripheral::SCB::sys_reset();
     }
-    if registers::flash::take_double_error().is_some() && !store::note_torn() {
+    if let Some(is_of_second_bank) = registers::flash::take_double_error()
+        && !(is_of_second_bank && store::note_torn())
+    {
         // An instruction or a vector that may be another one.
         stop_for_good();
     }

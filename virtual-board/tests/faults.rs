@@ -5,9 +5,9 @@
 mod support;
 
 use control_core::{FaultCode, ModeName};
-use support::{bench, board, image};
+use support::{bench, board, external_board, image};
 use virtual_board::{Heard, Reset, VirtualBoard, Wire};
-use wire::{InputSource, Parameters, ResetCause, SegmentRecord, ToBoard, Wave};
+use wire::{Converters, InputSource, Parameters, ResetCause, SegmentRecord, ToBoard, Wave};
 
 const MID: u16 = 2048;
 /// The ramp from 60 V at 20 V a sample takes 15/8 60 / 20 + 1 = 6 samples; 20 more for the amplifier's fall-back: 1 ms.
@@ -611,6 +611,49 @@ fn a_broken_store_is_said_and_the_defaults_are_in_force() {
         let status = board.status().unwrap();
         assert_eq!((status.reset, status.fault), (cause, FaultCode::ParameterStore.number()));
     }
+}
+
+/// Both images run on one chip, and what one saves may pass the other's check: its volts and metres would be wrong.
+#[test]
+fn a_set_that_another_board_saved_is_not_put_in_force() {
+    let (Some(mut board), Some(mut other)) = (board(), external_board()) else { return };
+    let theirs = Parameters { kp_v_per_m: 3e5, ..Parameters::NUCLEO_PI1 };
+    assert!(theirs.check(&Converters::NUCLEO_G474RE).is_ok());
+    other.order(&ToBoard::SetParameters(theirs)).unwrap();
+    other.order(&ToBoard::SaveParameters).unwrap();
+    let base = 126 * 2048;
+    for at in (base..base + 128_u32).step_by(8) {
+        let word = other.machine.chip().flash.peek(at);
+        board.machine.chip().flash.plant(at, word);
+    }
+    board.machine.chip().request_reset(Reset::Pin);
+    board.run_cycles(1000).unwrap();
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::ParameterStore.number());
+    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+}
+
+/// Of one bank nothing is read while it is written: the loop would stand still for 25 ms.
+#[test]
+fn a_flash_of_one_bank_is_not_written() {
+    let Some(mut board) = board() else { return };
+    board.machine.chip().flash.make_one_bank();
+    let refused = board.order(&ToBoard::SaveParameters).unwrap_err().to_string();
+    assert!(refused.contains("DBANK") && refused.contains("not saved"), "{refused}");
+    assert_eq!(board.machine.chip().flash.works, 0);
+}
+
+#[test]
+fn an_armed_board_whose_host_is_silent_disarms() {
+    let Some(mut board) = board() else { return };
+    board.order(&ToBoard::Arm).unwrap();
+    // 0.25 s at 20 kHz, less the time of the order itself.
+    board.run_samples(4900).unwrap();
+    assert!(board.machine.chip().rows.last().expect("samples").is_enabled);
+    board.run_samples(200).unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.mode, status.fault), (ModeName::Fault as u8, FaultCode::LinkLoss.number()));
+    assert!(board.machine.chip().rows.iter().rev().take(50).all(|row| row.dac == MID && !row.is_enabled));
 }
 
 #[test]

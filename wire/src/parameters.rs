@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 /// | `monitor_samples` | for how many samples in a row, before it is a fault | |
 /// | `rail_codes` | within so many codes of either end the sensor counts as broken | ADC code |
 /// | `overrun_limit` | overruns, closer than 256 samples to one another, that are a fault | |
-/// | `link_timeout_s` | silence of the host that is a fault while the loop runs; infinite for a board that runs alone | s |
+/// | `link_timeout_s` | silence of the host that is a fault from arming on; infinite for a board that runs alone | s |
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "the table above describes every field")]
 pub struct Parameters {
@@ -104,6 +104,11 @@ pub enum ParameterError {
     },
     /// The displacement at which the guard trips lies beyond what the sensor can show.
     TripBeyondSensor,
+    /// From a limit of the drive to 0 V, which is what a stop or a fault does, would take too long.
+    SlowToZero {
+        /// Slowest that is quick enough.
+        least_v_per_s: f32,
+    },
     /// A number is NaN, zero or negative where none of these makes sense.
     NotPositive {
         /// The field at fault.
@@ -133,6 +138,10 @@ impl fmt::Display for ParameterError {
             ParameterError::TripBeyondSensor => f.write_str(
                 "trip_m lies beyond the sensor's range less rail_codes, so that a trip would look like a broken wire: lower it",
             ),
+            ParameterError::SlowToZero { least_v_per_s } => write!(
+                f,
+                "slew_v_per_s must be {least_v_per_s} or more, so that a stop or a fault is at 0 V within {LONGEST_WAY_S} s"
+            ),
             ParameterError::NotPositive { field } => write!(f, "{field} must be greater than zero"),
         }
     }
@@ -145,6 +154,9 @@ impl From<SettingsError> for ParameterError {
         ParameterError::Settings(error)
     }
 }
+
+/// Longest way from a limit of the drive to 0 V, in seconds. Chosen: who presses a stop waits for it.
+const LONGEST_WAY_S: f32 = 10.0;
 
 /// A set of parameters that passed [`Parameters::check`], in the form a control interrupt uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -345,6 +357,10 @@ impl Parameters {
         let slack_v = calibration.drive_v_per_code().abs();
         if self.drive_min_v < low_v - slack_v || self.drive_max_v > high_v + slack_v {
             return Err(ParameterError::BeyondSpan { low_v, high_v });
+        }
+        let least_v_per_s = self.drive_max_v.max(-self.drive_min_v) / LONGEST_WAY_S;
+        if self.slew_v_per_s < least_v_per_s {
+            return Err(ParameterError::SlowToZero { least_v_per_s });
         }
         if calibration.is_at_rail(calibration.adc_code(self.trip_m), self.rail_codes)
             || calibration.is_at_rail(calibration.adc_code(-self.trip_m), self.rail_codes)

@@ -31,7 +31,7 @@ fn the_defaults_of_the_external_board_are_sound_and_sixteen_times_finer() {
 #[test]
 fn each_wrong_field_is_named() {
     type Case = (Parameters, ParameterError);
-    let cases: [Case; 10] = [
+    let cases: [Case; 11] = [
         (Parameters { kp_v_per_m: f32::NAN, ..good() }, SettingsError::NotFinite { field: "kp_v_per_m" }.into()),
         (Parameters { slew_v_per_s: f32::INFINITY, ..good() }, ParameterError::Unlimited),
         (
@@ -40,6 +40,7 @@ fn each_wrong_field_is_named() {
         ),
         (Parameters { rate_hz: 60e3, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
         (Parameters { rate_hz: 0.5, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
+        (Parameters { slew_v_per_s: 8.9, ..good() }, ParameterError::SlowToZero { least_v_per_s: 8.9 }),
         (Parameters { trip_m: 131e-6, ..good() }, ParameterError::TripBeyondSensor),
         (
             Parameters { sensor_m_per_v: f32::NAN, ..good() },

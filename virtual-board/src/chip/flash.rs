@@ -13,7 +13,10 @@ const KEYR: u32 = 0x08;
 const SR: u32 = 0x10;
 const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
+const OPTR: u32 = 0x20;
 const LOCK: u32 = 1 << 31;
+const DCEN: u32 = 1 << 10;
+const DBANK: u32 = 1 << 22;
 const STRT: u32 = 1 << 16;
 /// DS12288, flash characteristics: a double word 81.7 us, a page 22.1 ms, typical.
 const PROGRAM_CYCLES: u64 = 13_889;
@@ -49,6 +52,8 @@ impl Flash {
             (ACR, Kept::new("FLASH_ACR", 0x0004_0600, 0x0000_170f)),
             // PG, PER, PNB, BKER, STRT, LOCK
             (CR, Kept::new("FLASH_CR", 0xc000_0000, 0x8001_0bfb)),
+            // As delivered: DBANK, two banks.
+            (OPTR, Kept::new("FLASH_OPTR", 0xffef_f8aa, 0)),
         ];
         let words = (BANK_BYTES / 8) as usize;
         Flash {
@@ -166,7 +171,7 @@ impl Flash {
                     if value & 0x802 != 0x802 {
                         return unmodelled("FLASH_CR", "start of anything but an erase of a page of the second bank");
                     }
-                    self.begin(Work::Erase { page: value >> 3 & 0x7f }, now + ERASE_CYCLES);
+                    self.begin(Work::Erase { page: value >> 3 & 0x7f }, now + ERASE_CYCLES)?;
                 }
                 Ok(())
             }
@@ -174,9 +179,21 @@ impl Flash {
         }
     }
 
-    fn begin(&mut self, work: Work, done: u64) {
+    fn begin(&mut self, work: Work, done: u64) -> Access<()> {
+        if self.bank.at(ACR) & DCEN != 0 {
+            return unmodelled(
+                "FLASH_ACR",
+                "DCEN while the flash is written: the chip may spoil what the data cache holds (ES0430)",
+            );
+        }
         self.works += 1;
         self.work = Some((work, done));
+        Ok(())
+    }
+
+    /// Option bytes that make one bank of it, until the next reset.
+    pub fn make_one_bank(&mut self) {
+        self.bank.change(OPTR, |optr| optr.set_bits(DBANK, false));
     }
 
     /// Reads a word of the second bank; true in the second place if the NMI is to be raised.
@@ -206,7 +223,7 @@ impl Flash {
                     self.sr |= 1 << 3;
                     return Ok(());
                 }
-                self.begin(Work::Program { at, word: [low, value] }, now + PROGRAM_CYCLES);
+                self.begin(Work::Program { at, word: [low, value] }, now + PROGRAM_CYCLES)?;
             }
             _ => return unmodelled("second flash bank", "written other than as aligned double words, low word first"),
         }
