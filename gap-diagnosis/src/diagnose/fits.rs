@@ -214,6 +214,12 @@ impl Fits<'_> {
         let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
         for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
             *near = self.search.led_by_others(near.clone());
+            // Numbers that the first effect has bent alone may hold both in a local minimum.
+            if !self.is_found(near) && near.found.prior_cost > FREED_BESIDES {
+                let was = (near.chi, near.found.prior_cost);
+                *near = self.search.polish(near.clone());
+                eprintln!("DBG polish {:?} {:?} -> {:.3} {:.1}", near.hypothesis.ids(), was, near.chi, near.found.prior_cost);
+            }
             self.change_forms(near, leads, &seconds);
             if !self.is_found(near) {
                 let richer = self.with_richer_kin(near);
