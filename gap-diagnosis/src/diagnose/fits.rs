@@ -216,9 +216,7 @@ impl Fits<'_> {
             *near = self.search.led_by_others(near.clone());
             // Numbers that the first effect has bent alone may hold both in a local minimum.
             if !self.is_found(near) && near.found.prior_cost > FREED_BESIDES {
-                let was = (near.chi, near.found.prior_cost);
                 *near = self.search.polish(near.clone());
-                eprintln!("DBG polish {:?} {:?} -> {:.3} {:.1}", near.hypothesis.ids(), was, near.chi, near.found.prior_cost);
             }
             self.change_forms(near, leads, &seconds);
             if !self.is_found(near) {
