@@ -7,7 +7,7 @@ use super::refit::{AT_NOISE, BENT_COST, come_home, nominal};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, after_run_in};
 use super::symmetry::along;
-use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, find};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, Scope, find};
 use std::f64::consts::TAU;
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
@@ -110,8 +110,11 @@ impl Fits<'_> {
         if let Some(best) = fits.first().filter(|best| best.chi > NEAR_NOISE) {
             // Where the first leaves little, its form may be what is wrong: only a second that leaves nothing is one.
             let is_little = self.left(best) < PAIR_BEYOND;
+            let bent = best.found.prior_cost;
             let pairs = self.pairs(&fits, leads);
-            fits.extend(pairs.into_iter().filter(|pair| !is_little || pair.chi < AT_NOISE));
+            // .. or brings numbers home that the first has bent.
+            let is_home = |pair: &Candidate| pair.found.prior_cost < (bent - FREED_BESIDES).min(0.5 * bent);
+            fits.extend(pairs.into_iter().filter(|pair| !is_little || pair.chi < AT_NOISE || is_home(pair)));
         }
         fits
     }
@@ -159,14 +162,16 @@ impl Fits<'_> {
     fn pairs(&self, singles: &[Candidate], leads: &[Lead]) -> Vec<Candidate> {
         let mut pairs = Vec::new();
         let is_as_good = |fit: &Candidate| self.left(fit) < (AS_GOOD * self.left(&singles[0])).min(HARDLY_HALF);
-        let known = &singles[..singles.len().min(FIRSTS)];
-        let best = known.iter().filter(|fit| is_as_good(fit)).cloned();
+        let best: Vec<Candidate> = singles.iter().take(FIRSTS).filter(|fit| is_as_good(fit)).cloned().collect();
         // One by one: the first pair that is found ends the search.
-        let plain = self.plain(leads, known).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
-        for (number, first) in best.chain(plain.filter(|fit| self.left(fit) < HARDLY_HALF)).enumerate() {
+        let plain = self.plain(leads, &best).into_iter().map(|lead| self.fit_of(lead, f64::INFINITY));
+        for (number, first) in best.into_iter().chain(plain.filter(|fit| self.left(fit) < HARDLY_HALF)).enumerate() {
             (self.say)("looking for a second effect", 0.6 + 0.07 * number as f64);
             let beside = self.beside(&first, singles, leads);
-            let is_found = beside.first().is_some_and(|pair| self.is_found(pair));
+            // What each log has of its own imitates much, another effect beside it the rest.
+            let is_own =
+                |pair: &Candidate| pair.hypothesis.installed.iter().any(|i| !i.of_scope(Scope::EachLog).is_empty());
+            let is_found = beside.first().is_some_and(|pair| self.is_found(pair) && !is_own(pair));
             // Either effect of a pair may have been the first.
             beside.into_iter().for_each(|pair| keep_better(&mut pairs, pair));
             if is_found {
@@ -210,14 +215,17 @@ impl Fits<'_> {
             }
         }
         let by_chi = |a: &(Candidate, &Lead), b: &(Candidate, &Lead)| a.0.chi.total_cmp(&b.0.chi);
+        // Numbers that the first effect has bent alone may hold both in a local minimum.
+        let is_held = |pair: &Candidate| pair.chi > AT_NOISE && pair.found.prior_cost > FREED_BESIDES;
+        pairs.sort_by(by_chi);
+        let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
+        for near in near.filter(|pair| is_held(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
+            *near = self.search.polish(near.clone());
+        }
         pairs.sort_by(by_chi);
         let near = pairs.iter_mut().map(|(pair, _)| pair).take(MOST_CHANGED);
         for near in near.take_while(|pair| !self.is_found(pair) && taken(pair) > PAIR_NEARLY_TAKES) {
             *near = self.search.led_by_others(near.clone());
-            // Numbers that the first effect has bent alone may hold both in a local minimum.
-            if !self.is_found(near) && near.found.prior_cost > FREED_BESIDES {
-                *near = self.search.polish(near.clone());
-            }
             self.change_forms(near, leads, &seconds);
             if !self.is_found(near) {
                 let richer = self.with_richer_kin(near);
