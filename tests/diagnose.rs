@@ -396,7 +396,8 @@ fn what_hides_in_numbers_that_no_plant_has_is_named() {
     assert!(((of("value") - 6.4298e-3) / of("sigma")).abs() < 3.0, "{time_constant}");
 }
 
-/// What is small beside a large effect shows once that is fitted: a zero that is off beside a drift that imitates most of it, a hysteron beside a force.
+/// What is small beside a large effect shows once that is fitted: a zero that is off beside a drift that imitates most of it, a hysteron beside a force. So
+/// does what has bent numbers alone, and what a drift of each log's own imitates together with another effect.
 #[test]
 fn a_second_effect_that_the_first_hides_is_named_as_well() {
     if !is_long("a second effect that the first hides") {
@@ -405,6 +406,9 @@ fn a_second_effect_that_the_first_hides_is_named_as_well() {
     let pairs = [
         (16_241_163_272_873_146_732, [EffectId::SensorOffset, EffectId::SensorDrift]),
         (16_204_848_179_824_658_076, [EffectId::PeriodicForce, EffectId::ExtraHysteron]),
+        (388_415_697, [EffectId::RateDependentHysteresis, EffectId::VibrationMode]),
+        (772_100_518, [EffectId::Backlash, EffectId::ThermalGain]),
+        (939_153_512, [EffectId::Creep, EffectId::SensorOffset]),
     ];
     for (seed, effects) in asked(pairs) {
         let [first, second] = effects.map(EffectId::id);
