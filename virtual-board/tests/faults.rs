@@ -613,6 +613,15 @@ fn a_broken_store_is_said_and_the_defaults_are_in_force() {
     }
 }
 
+/// A reset, after which the fault tells of the store and the defaults are in force.
+fn refuses_what_is_stored(board: &mut VirtualBoard) {
+    board.machine.chip().request_reset(Reset::Pin);
+    board.run_cycles(1000).unwrap();
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, FaultCode::ParameterStore.number());
+    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+}
+
 /// Both images run on one chip, and what one saves may pass the other's check: its volts and metres would be wrong.
 #[test]
 fn a_set_that_another_board_saved_is_not_put_in_force() {
@@ -626,11 +635,7 @@ fn a_set_that_another_board_saved_is_not_put_in_force() {
         let word = other.machine.chip().flash.peek(at);
         board.machine.chip().flash.plant(at, word);
     }
-    board.machine.chip().request_reset(Reset::Pin);
-    board.run_cycles(1000).unwrap();
-    board.greet().unwrap();
-    assert_eq!(board.status().unwrap().fault, FaultCode::ParameterStore.number());
-    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+    refuses_what_is_stored(&mut board);
 }
 
 /// Of one bank nothing is read while it is written: the loop would stand still for 25 ms.
@@ -674,11 +679,7 @@ fn a_nan_in_flash_is_not_put_in_force() {
         let half = |at: usize| u32::from_le_bytes(word[at..at + 4].try_into().expect("four bytes"));
         board.machine.chip().flash.plant(base + 8 * k as u32, [half(0), half(4)]);
     }
-    board.machine.chip().request_reset(Reset::Pin);
-    board.run_cycles(1000).unwrap();
-    board.greet().unwrap();
-    assert_eq!(board.status().unwrap().fault, FaultCode::ParameterStore.number());
-    assert_eq!(board.ask(&ToBoard::GetParameters).unwrap(), Heard::Parameters(Box::new(Parameters::NUCLEO_PI1)));
+    refuses_what_is_stored(&mut board);
 }
 
 #[test]
