@@ -40,7 +40,7 @@ fn each_wrong_field_is_named() {
         ),
         (Parameters { rate_hz: 60e3, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
         (Parameters { rate_hz: 0.5, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
-        (Parameters { slew_v_per_s: 8.9, ..good() }, ParameterError::SlowToZero { least_v_per_s: 8.9 }),
+        (Parameters { slew_v_per_s: 8.9, ..good() }, ParameterError::SlowToZero { least_v_per_s: 9.0 }),
         (Parameters { trip_m: 131e-6, ..good() }, ParameterError::TripBeyondSensor),
         (
             Parameters { sensor_m_per_v: f32::NAN, ..good() },
