@@ -1,7 +1,8 @@
 //! Parameters in the second flash bank, in two copies, so that a power cut at any moment leaves one of them whole.
 //!
 //! Each copy has a page of its own: a record of version, generation, length, the set in postcard, the board and a CRC, written word by word
-//! after the page was erased. Another board's set counts as broken: its numbers may be right for neither converters nor wires of this one. The copy that is older (or broken) is the one that is written anew. On reading, the newer whole copy counts.
+//! after the page was erased. The copy that is older (or broken) is the one that is written anew. On reading, the newer whole copy counts. Another
+//! board's set counts as broken: its numbers may be right for neither converters nor wires of this one.
 //! A torn double word raises the NMI when it is read; its handler marks that, and the copy counts as broken.
 
 use crate::registers::flash;

@@ -108,11 +108,11 @@ impl Fits<'_> {
             return fits;
         }
         if let Some(best) = fits.first().filter(|best| best.chi > NEAR_NOISE) {
-            // Where the first leaves little, its form may be what is wrong: only a second that leaves nothing is one.
+            // Where the first leaves little, its form may be what is wrong: only a second that leaves nothing is one, or that brings numbers home which the
+            // first has bent.
             let is_little = self.left(best) < PAIR_BEYOND;
             let bent = best.found.prior_cost;
             let pairs = self.pairs(&fits, leads);
-            // .. or brings numbers home that the first has bent.
             let is_home = |pair: &Candidate| pair.found.prior_cost < (bent - FREED_BESIDES).min(0.5 * bent);
             fits.extend(pairs.into_iter().filter(|pair| !is_little || pair.chi < AT_NOISE || is_home(pair)));
         }
