@@ -286,7 +286,7 @@ fn a_bench_as_nominal_has_no_gap() {
     assert!(
         std::fs::read_to_string(folder.path("out/report.html"))
             .unwrap()
-            .contains("within what the plant states no log shows it")
+            .contains("within what the plant states no fitted log shows it")
     );
     assert!(replayed(&folder, &case, "out/augmented.toml") < replayed(&folder, &case, "nominal.toml"));
 }

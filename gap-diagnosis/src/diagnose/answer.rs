@@ -15,7 +15,7 @@ use super::refit::{has_gap, led_without_one, refitted};
 use super::report::responses_of;
 use super::screen::Lead;
 use super::search::Search;
-use super::verdict::{Class, Ranked, Verdict, hidden_gains, leading, named, probability, ranking, set90};
+use super::verdict::{Class, Ranked, Verdict, hidden, leading, named, probability, ranking, set90};
 use super::zeros::own_zeros;
 use super::{Options, Say};
 use crate::identify::START_SHARE;
@@ -137,8 +137,8 @@ pub struct Evidence {
     pub named_left: Option<f64>,
     /// The quantities of `changed`.
     pub changed: Vec<Quantity>,
-    /// Gains that may be off by what the plant states where there is no gap.
-    pub hidden_gains: Vec<&'static str>,
+    /// What may hide where there is no gap, by less than the plant states or where the fitted rows leave it open.
+    pub hidden: Vec<&'static str>,
 }
 
 /// One log with what the three plants make of it.
@@ -239,6 +239,7 @@ pub(super) fn answer(
     let expected = expected(benches, &three, &left, options.seed);
     let gap = gap(benches, &three, &expected, options.seed);
     let mut shares_of_nothing = [course.no_gap, course.unknown];
+    let mut is_left_open = false;
     if is_all_there && gap.surprises(&expected) {
         let stays = format!(
             "{}: {:.4} um stay where {:.4} um were to be expected",
@@ -246,13 +247,13 @@ pub(super) fn answer(
             gap.augmented_rms_um,
             1e6 * expected.left2_m2.sqrt().hypot(1e-6 * gap.noise_rms_um),
         );
-        let is_within = verdict == Verdict::NoGap && is_one_plant(search, course, benches);
-        warnings.push(if is_within {
+        is_left_open = verdict == Verdict::NoGap && is_one_plant(search, course, benches);
+        warnings.push(if is_left_open {
             format!("{stays}: the fitted rows leave open what decides there, and a plant within the stated uncertainties suits all of them")
         } else {
             format!("{stays}: these rows show what no fitted row does; fit some of their kind as well")
         });
-        if verdict == Verdict::NoGap && !is_within {
+        if verdict == Verdict::NoGap && !is_left_open {
             verdict = Verdict::Unknown;
             shares_of_nothing = [(1.0 - SURPRISED) * course.no_gap, course.unknown + SURPRISED * course.no_gap];
         }
@@ -268,8 +269,8 @@ pub(super) fn answer(
     }
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
-    let hidden_gains = hidden_gains(bench, &without);
-    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden_gains);
+    let hidden = hidden(bench, is_left_open, &without);
+    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden);
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
 
@@ -345,7 +346,7 @@ pub(super) fn answer(
             rivals: rivals(course, explanation),
             named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
-            hidden_gains: if verdict == Verdict::NoGap { hidden_gains } else { Vec::new() },
+            hidden: hidden.iter().filter(|_| verdict == Verdict::NoGap).map(|(id, _)| *id).collect(),
         },
     }
 }

@@ -137,8 +137,7 @@ fn explain(search: &Search<'_>, refit: Candidate, without: &[&str], say: Say<'_>
     let is_well = |fit: &Candidate| fit.chi < AT_NOISE && fit.found.prior_cost < BENT_COST;
     if refit.found.prior_cost > BENT_COST && !fits.iter().any(is_well) {
         // No score tells of a setting that starts and numbers have taken for themselves.
-        let seek = |hypothesis: &Hypothesis| search.from_first_stretches(hypothesis);
-        fits.extend(set_in_each_log(search, &refit, without, seek).into_iter().map(|(fit, _)| fit));
+        fits.extend(set_in_each_log(search, &refit, without).into_iter().map(|(fit, _)| fit));
     }
     let judge = Judge::new(search, &refit, &remainders, without, &fits, &leads, &starts);
     let mut scatter = judge.by_scatter(&scattered, &refit);
@@ -189,11 +188,7 @@ fn without_gap(fitting: &Fits<'_>, refit: Candidate, scattered: Scattered, below
     };
     if cost > BENT_COST {
         let more = search.bench.records.len().saturating_sub(1);
-        // Where a setting moves a log far, a start that began at rest takes it for itself.
-        let seek = |hypothesis: &Hypothesis| {
-            cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
-        };
-        let settings = set_in_each_log(search, &refit, without, seek);
+        let settings = set_in_each_log(search, &refit, without);
         // Where the refit is ordinary from there, the setting was none: it has only led the refit out of where its starts had locked it.
         let mut led = settings.iter().map(|(fit, _)| search.refit_again(&refit, fit));
         if let Some(led) = led.find(|led| !has_gap(led) && !is_bent(led) && cost_of_fit(search, led) < BENT_COST) {
@@ -256,13 +251,12 @@ fn cost_of_fit(search: &Search<'_>, fit: &Candidate) -> f64 {
 }
 
 /// Fits at the noise with ordinary numbers and a sensor that was set anew for each log, where a refit has numbers that are none: starts and numbers make up for
-/// such a zero or gain between them. Fits are sought by `seek`, and come with what their shifts cost.
-fn set_in_each_log(
-    search: &Search<'_>,
-    refit: &Candidate,
-    without: &[&str],
-    seek: impl Fn(&Hypothesis) -> Candidate,
-) -> Vec<(Candidate, f64)> {
+/// such a zero or gain between them. Fits come with what their shifts cost.
+fn set_in_each_log(search: &Search<'_>, refit: &Candidate, without: &[&str]) -> Vec<(Candidate, f64)> {
+    // Where a setting moves a log far, a start that began at rest takes it for itself.
+    let seek = |hypothesis: &Hypothesis| {
+        cheaper(search.led_by_others(search.from_rest(hypothesis)), search.from_first_stretches(hypothesis))
+    };
     let effects = REGISTRY.iter().filter(|effect| !without.contains(&effect.id()));
     let forms = effects.flat_map(|effect| effect.forms().iter().map(move |form| (*effect, form)));
     let fits = forms.filter_map(|(effect, form)| {

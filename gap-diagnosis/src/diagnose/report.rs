@@ -212,8 +212,8 @@ impl Diagnosis {
     /// What stands beside an entry's probability: its stage, and whether what the plant states is why it has one.
     fn note(&self, id: &str) -> String {
         let stage = find(id).map_or("", |effect| effect.stage().name());
-        if self.evidence.hidden_gains.contains(&id) {
-            format!("{stage}; within what the plant states no log shows it")
+        if self.evidence.hidden.contains(&id) {
+            format!("{stage}; within what the plant states no fitted log shows it")
         } else {
             stage.to_owned()
         }

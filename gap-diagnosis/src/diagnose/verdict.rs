@@ -2,7 +2,7 @@
 
 use super::bench::Bench;
 use super::directions::PAYS_FOR_ALL;
-use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SECOND, SHARPNESS};
+use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT, SECOND, SHARPNESS, probabilities};
 use super::explanation::Explanation;
 use super::judge::Course;
 use super::random::{CONFIDENCE, Random};
@@ -30,6 +30,9 @@ const LEAST_SHARE: f64 = 0.2;
 /// one's. Of 150 such answers to cases of develop and calibrate five held the one and five the other; so few are worth hardly more than this.
 const WITHIN_STATED: [&str; 2] = ["amplifier_gain", "sensor_gain"];
 const OF_EACH_GAIN: f64 = 0.02;
+/// What the numbers and starts of fitted logs may have taken for themselves, if another log is missed that a plant within the stated uncertainties suits.
+const LEFT_OPEN: [&str; 2] = ["parameter_error", "sensor_offset"];
+const OF_EACH_OPEN: f64 = 0.1;
 /// Entries that are decided by priors alone.
 const BY_PRIORS: [&str; 4] = ["payload_mass", "amplifier_gain", "sensor_gain", "parameter_error"];
 
@@ -97,20 +100,24 @@ pub(super) fn named<'c>(
     }
 }
 
-/// Gains that these logs can't tell from none within what the plant states.
-pub(super) fn hidden_gains(bench: &Bench<'_>, without: &[&str]) -> Vec<&'static str> {
+/// What `no_gap` may hide, and how probably: gains that these logs can't tell from none within what the plant states, or, where a log that was not
+/// fitted `surprises`, what the fitted ones leave to the numbers and starts.
+pub(super) fn hidden(bench: &Bench<'_>, surprises: bool, without: &[&str]) -> Vec<(&'static str, f64)> {
     let imitated = symmetric(bench);
-    WITHIN_STATED.into_iter().filter(|id| imitated.contains(id) && !without.contains(id)).collect()
+    let gains = WITHIN_STATED.into_iter().filter(|id| imitated.contains(id)).map(|id| (id, OF_EACH_GAIN));
+    let open = LEFT_OPEN.into_iter().map(|id| (id, OF_EACH_OPEN));
+    let hidden: Vec<(&str, f64)> = if surprises { open.collect() } else { gains.collect() };
+    hidden.into_iter().filter(|(id, _)| !without.contains(id)).collect()
 }
 
 /// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives most to the one
-/// without which it explains least: a second one may but mend what a first one's form lacks, however much it moves. `hidden` are gains that `no_gap` may hide.
+/// without which it explains least: a second one may but mend what a first one's form lacks, however much it moves. `hidden` is what `no_gap` may hide.
 pub(super) fn ranking(
     course: &Course,
     [no_gap, unknown]: [f64; 2],
     named: Option<&Explanation>,
     beyond_stated: Option<&Random>,
-    hidden: &[&str],
+    hidden: &[(&str, f64)],
 ) -> Vec<Ranked> {
     let ids = REGISTRY.iter().map(|effect| effect.id()).chain(["parameter_error", "no_gap", "unknown"]);
     let mut ranking: Vec<Ranked> = ids.map(|id| Ranked { effect: id.to_owned(), probability: 0.0 }).collect();
@@ -119,7 +126,10 @@ pub(super) fn ranking(
             ranked.probability += probability;
         }
     };
-    for explanation in &course.explanations {
+    let is_unknown = named.is_none() && unknown > no_gap;
+    let believed = || course.explanations.iter().map(|explanation| explanation.probability).collect();
+    let shares: Vec<f64> = if is_unknown { by_what_they_leave(course) } else { believed() };
+    for (explanation, share) in course.explanations.iter().zip(shares) {
         let mut members: Vec<(&str, f64)> = if named.is_some_and(|named| std::ptr::eq(named, explanation)) {
             explanation.judged.ids.iter().map(|id| (*id, needed(course, explanation, id))).collect()
         } else {
@@ -136,7 +146,7 @@ pub(super) fn ranking(
         let count = members.len() as f64;
         let least = LEAST_SHARE.min(1.0 / count);
         for (id, needed) in &members {
-            add(id, explanation.probability * (least + (1.0 - count * least) * needed / sum));
+            add(id, share * (least + (1.0 - count * least) * needed / sum));
         }
     }
     match beyond_stated {
@@ -145,8 +155,8 @@ pub(super) fn ranking(
             add("no_gap", (1.0 - CONFIDENCE) * no_gap);
         }
         None => {
-            hidden.iter().for_each(|id| add(id, OF_EACH_GAIN * no_gap));
-            let rest = 1.0 - OF_EACH_GAIN * hidden.len() as f64;
+            hidden.iter().for_each(|(id, share)| add(id, share * no_gap));
+            let rest = 1.0 - hidden.iter().map(|(_, share)| share).sum::<f64>();
             add("no_gap", rest * no_gap);
         }
     }
@@ -155,6 +165,15 @@ pub(super) fn ranking(
     ranking.iter_mut().for_each(|ranked| ranked.probability /= sum);
     ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     ranking
+}
+
+/// How the explanations share what is theirs where none is believed: by what they leave. The numbers that each of them shifts make up for what its form
+/// lacks, so that their cost says nothing of which is the nearest.
+fn by_what_they_leave(course: &Course) -> Vec<f64> {
+    let known: f64 = course.explanations.iter().map(|explanation| explanation.probability).sum();
+    let score = |e: &Explanation| Judged { prior_cost: 0.0, ..e.judged.clone() }.score();
+    let scores: Vec<f64> = course.explanations.iter().map(score).collect();
+    probabilities(&scores).into_iter().map(|p| known * p).collect()
 }
 
 /// How much an explanation needs its member `id`: by how much the rest of its members is less likely alone, on the scale of [`Judged::score`].
@@ -337,6 +356,33 @@ mod tests {
         assert_eq!(said(&lags, 0.01, 0.44), (Verdict::NoGap, None));
     }
 
+    /// A form that lacks something shifts numbers for it, the nearer one no less than others.
+    #[test]
+    fn where_nothing_is_believed_what_leaves_least_is_the_nearest() {
+        let model = thesis();
+        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![1e-8; 400], ..Log::default() };
+        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
+        let refit = search.refit(Freedom::Rest);
+        let explanation = |(id, probability, left, prior_cost): (&'static str, f64, f64, f64)| {
+            let mut explanation = Explanation::by_fit(&refit, left, 0.01);
+            explanation.judged.ids = vec![id];
+            explanation.judged.prior_cost = prior_cost;
+            explanation.probability = probability;
+            explanation
+        };
+        let lags = [("amplifier_bandwidth", 0.27, 0.99, 53.0), ("vibration_mode", 0.03, 0.41, 220.0)];
+        let course = Course::new(refit.clone(), lags.into_iter().map(explanation).collect(), Scattered::default());
+        let first = |unknown: f64, named: Option<&Explanation>| -> Vec<String> {
+            let ranking = ranking(&course, [0.0, unknown], named, None, &[]);
+            assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+            assert!((probability(&ranking, "unknown") - unknown / (0.3 + unknown)).abs() < 1e-12);
+            ranking[..3].iter().map(|r| r.effect.clone()).collect()
+        };
+        assert_eq!(first(0.7, None), ["unknown", "vibration_mode", "amplifier_bandwidth"]);
+        assert_eq!(first(0.2, Some(&course.explanations[0])), ["amplifier_bandwidth", "unknown", "vibration_mode"]);
+    }
+
     #[test]
     fn no_gap_hides_gains_before_anything_else() {
         let model = thesis();
@@ -344,7 +390,10 @@ mod tests {
         let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
         let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
         let course = Course::new(search.refit(Freedom::Rest), Vec::new(), Scattered::default());
-        let of = |without: &[&str]| ranking(&course, [0.99, 0.01], None, None, &hidden_gains(&bench, without));
+        let told = |surprises, without: &[&str]| {
+            ranking(&course, [0.99, 0.01], None, None, &hidden(&bench, surprises, without))
+        };
+        let of = |without: &[&str]| told(false, without);
         let first = |ranking: &[Ranked]| -> Vec<String> { ranking[..3].iter().map(|r| r.effect.clone()).collect() };
         assert_eq!(first(&of(&[])), ["no_gap", "amplifier_gain", "sensor_gain"]);
         assert_eq!(set90(&of(&[])), ["no_gap"]);
@@ -353,6 +402,9 @@ mod tests {
             assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
         }
         assert_eq!(probability(&of(&WITHIN_STATED), "sensor_gain"), 0.0);
+        // A gain makes no log be missed that was not fitted; a number or a zero that the fitted rows leave open does.
+        assert_eq!(set90(&told(true, &[])), ["no_gap", "sensor_offset", "parameter_error"]);
+        assert_eq!(set90(&told(true, &LEFT_OPEN)), ["no_gap"]);
     }
 
     #[test]
