@@ -45,6 +45,22 @@ fn every_kind_is_the_same_log_to_what_reads_it() {
 }
 
 #[test]
+fn columns_that_no_log_has_are_named_as_they_are_left_out() {
+    let folder = Folder::new("export-others");
+    let text = good_csv(100);
+    let more = |line: &str| match line.as_bytes() {
+        [b'#', ..] => line.to_owned(),
+        [b't', ..] => format!("{line},strain,note"),
+        _ => format!("{line},1e-6,x"),
+    };
+    folder.write("a.csv", text.lines().map(more).collect::<Vec<String>>().join("\n") + "\n");
+    let warned = succeeded(&run(&folder, "export @/a.csv --out @/b.npy"));
+    assert!(warned.contains("a.csv: left out, as they are none of a log's columns: strain, note;"), "{warned}");
+    folder.write("plain.csv", text);
+    assert!(!succeeded(&run(&folder, "export @/plain.csv --out @/c.csv")).contains("left out"));
+}
+
+#[test]
 fn what_cannot_be_is_one_line_with_its_code_and_writes_nothing() {
     let folder = Folder::new("export-bad");
     folder.write("a.csv", good_csv(100));

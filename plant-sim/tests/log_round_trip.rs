@@ -28,6 +28,20 @@ impl Drop for Scratch {
     }
 }
 
+/// What a file has beside a log is named, whatever kind of file it is.
+#[test]
+fn columns_that_are_not_read_are_named() {
+    let scratch = Scratch::new("others");
+    let log = full_log(40, 1000.0);
+    for name in ["a.csv", "a.npy", "a.mat"] {
+        let path = scratch.0.join(name);
+        log::write(&path, &log).unwrap();
+        assert_eq!(log::read(&path, &ReadOptions::default()).unwrap().others, Vec::<String>::new(), "{name}");
+        let by_rate = ReadOptions { rate_hz: Some(1000.0), ..ReadOptions::default() };
+        assert_eq!(log::read(&path, &by_rate).unwrap().others, ["time_s"], "{name}");
+    }
+}
+
 /// A log with every column, every metadata key, and numbers that do not end in decimal.
 fn full_log(n: u32, rate_hz: f64) -> Log {
     let wave =
@@ -58,6 +72,7 @@ fn full_log(n: u32, rate_hz: f64) -> Log {
             seed: Some("18446744073709551615".into()),
             other: BTreeMap::from([("rig".into(), "left: bench".into()), ("run".into(), "007".into())]),
         },
+        others: Vec::new(),
     }
 }
 

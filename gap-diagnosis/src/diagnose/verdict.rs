@@ -168,10 +168,10 @@ pub(super) fn ranking(
 }
 
 /// How the explanations share what is theirs where none is believed: by what they leave. The numbers that each of them shifts make up for what its form
-/// lacks, so that their cost says nothing of which is the nearest.
+/// lacks, and so do those that it has itself, so that the cost of neither says which is the nearest.
 fn by_what_they_leave(course: &Course) -> Vec<f64> {
     let known: f64 = course.explanations.iter().map(|explanation| explanation.probability).sum();
-    let score = |e: &Explanation| Judged { prior_cost: 0.0, ..e.judged.clone() }.score();
+    let score = |e: &Explanation| Judged { prior_cost: 0.0, parameters: 1, ..e.judged.clone() }.score();
     let scores: Vec<f64> = course.explanations.iter().map(score).collect();
     probabilities(&scores).into_iter().map(|p| known * p).collect()
 }

@@ -101,6 +101,9 @@ pub(crate) fn open<R: Read + Send + 'static>(
         });
     }
 
+    let is_read = |name: &String| fields.iter().any(|field| field.name == *name);
+    let is_other = |name: &&String| !name.is_empty() && !is_read(name);
+    let others = names.iter().filter(is_other).map(|name| excerpt(name)).collect();
     let rows = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
@@ -113,6 +116,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
         meta,
         rate_hz: None,
         has,
+        others,
         rows: Box::new(CsvRows {
             path: path.to_path_buf(),
             rows,

@@ -114,7 +114,8 @@ pub(crate) fn open<R: Read>(
             n_other: other.numbers.len(),
         });
     }
-    Ok(Opened { meta, rate_hz, has, rows: Box::new(MatRows { path: path.to_path_buf(), fields, n_read: 0 }) })
+    let others = others(&variables, capture.as_ref(), &fields);
+    Ok(Opened { meta, rate_hz, has, others, rows: Box::new(MatRows { path: path.to_path_buf(), fields, n_read: 0 }) })
 }
 
 /// A column, loaded.
@@ -227,6 +228,19 @@ fn existing(variables: &[(String, Value)], capture: Option<&Capture<'_>>) -> Str
         Some(capture) => excerpt_list(&capture.signals.iter().map(|s| s.full.as_str()).collect::<Vec<_>>()),
         None => excerpt_list(&variables.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>()),
     }
+}
+
+/// Signals of a capture and variables as long as a log, which are none of its columns.
+fn others(variables: &[(String, Value)], capture: Option<&Capture<'_>>, fields: &[Field]) -> Vec<String> {
+    let n_rows = fields.first().map_or(0, |field| field.numbers.len());
+    let is_as_long = |value: &Value| matches!(value, Value::Real { numbers, .. } if numbers.len() == n_rows);
+    let signals = capture.iter().flat_map(|capture| &capture.signals).map(|signal| (&signal.full, signal.data));
+    let all = variables.iter().map(|(name, value)| (name, value)).chain(signals);
+    let is_read = |name: &str| {
+        let last = name.rsplit('/').next();
+        fields.iter().any(|field| field.name == name || Some(field.name.as_str()) == last)
+    };
+    all.filter(|(name, value)| is_as_long(value) && !is_read(name)).map(|(name, _)| excerpt(name)).collect()
 }
 
 /// dSPACE ControlDesk's capture.

@@ -84,6 +84,8 @@ pub struct Log {
     pub seq: Option<Vec<f64>>,
     /// How it was recorded.
     pub meta: Meta,
+    /// Names of columns of its file that are none of the above, and were not read.
+    pub others: Vec<String>,
 }
 
 impl Log {
@@ -219,6 +221,7 @@ pub struct RowReader {
     /// The rate that stands in for a time column, and the time of its first row is zero.
     rate_hz: Option<f64>,
     has: [bool; N_READ],
+    others: Vec<String>,
     rows: Box<dyn Source>,
     ahead: VecDeque<RawRow>,
     grid: Option<Grid>,
@@ -312,6 +315,7 @@ impl RowReader {
             meta: opened.meta,
             rate_hz,
             has: opened.has,
+            others: opened.others,
             rows: opened.rows,
             ahead: VecDeque::with_capacity(LOOK_AHEAD),
             grid: None,
@@ -404,6 +408,7 @@ impl RowReader {
             command_v: take(Column::Command),
             displacement_m: take(Column::Displacement),
             meta: self.meta,
+            others: self.others,
         })
     }
 

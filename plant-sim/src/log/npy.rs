@@ -135,10 +135,14 @@ pub(crate) fn open<R: Read + Send + 'static>(
     } else {
         Box::new(io::BufReader::with_capacity(1 << 16, reader))
     };
+    let is_read = |name: &str| fields.iter().any(|field| field.name == name);
+    let others =
+        columns.iter().map(|(name, ..)| name).filter(|name| !is_read(name)).map(|name| excerpt(name)).collect();
     Ok(Opened {
         meta: Meta::default(),
         rate_hz: None,
         has,
+        others,
         rows: Box::new(NpyRows {
             path: path.to_path_buf(),
             rows,

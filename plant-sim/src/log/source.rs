@@ -22,6 +22,8 @@ pub(crate) struct Opened {
     pub(crate) rate_hz: Option<f64>,
     /// By [`Column::idx`].
     pub(crate) has: [bool; N_READ],
+    /// Names of columns that are none of a log's.
+    pub(crate) others: Vec<String>,
     pub(crate) rows: Box<dyn Source>,
 }
 
