@@ -14,8 +14,9 @@ use plant_sim::param::Param;
 const SIGMAS: f64 = 4.0;
 /// .. and noise beyond this share of it, whatever sigma is claimed.
 const LEAST_SHARE: f64 = 0.25;
-/// A lattice that makes more than this share of the excess is what there is.
-const LATTICE_SHARE: f64 = 0.5;
+/// A lattice that makes more than this share of the excess is what there is: dither of triangular density, the largest in use, leaves three times what the
+/// steps alone do (Wannamaker, Lipshitz, Vanderkooy and Wright, IEEE Trans. Signal Process. 48, 499, 2000).
+const LATTICE_SHARE: f64 = 0.3;
 /// Probability that noise judged so is what it is taken for: there are other reasons for a wrong data sheet.
 pub(super) const CONFIDENCE: f64 = 0.97;
 /// Relative sigma of a size that only scatter tells, where the scatter doesn't say itself.
@@ -70,7 +71,7 @@ pub(super) fn beyond_stated(model: &Model, bench: &Bench<'_>, without: &[&str]) 
     } else {
         (stated2 / excess2.sqrt() * stated.relative_sigma()).hypot(0.01 * value)
     };
-    random(id, form, vec![value], vec![sigma], if is_lattice { lattice2 } else { excess2 })
+    random(id, form, vec![value], vec![sigma], if is_lattice { excess2.max(lattice2) } else { excess2 })
 }
 
 /// Rows that repeat the reading before; `scattered` is what they leave.
@@ -135,5 +136,46 @@ impl Random {
                 (parameter, value, sigma)
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::records::record;
+    use crate::diagnose::thesis;
+    use plant_sim::log::Log;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    /// Readings in coarse steps are told as such, dithered or not; noise that is larger than any dither is noise.
+    #[test]
+    fn a_converter_is_known_by_its_steps_though_it_is_dithered() {
+        const STEP_M: f64 = 170e-9;
+        const STATED_M: f64 = 38e-9;
+        let mut model = thesis();
+        model.sensor.noise_um = Some(Param::new(1e6 * STATED_M, 0.1, "data sheet"));
+        let told = |dithers: usize, noise_m: f64| {
+            let mut random = Pcg64::seed_from_u64(7);
+            let mut uniform = || random.random_range(-0.5..0.5);
+            let displacement_m = (0..4000).map(|k| {
+                let smooth_m = 30e-6 * (0.01 * f64::from(k)).sin() + 12f64.sqrt() * noise_m * uniform();
+                let dither_m: f64 = (0..dithers).map(|_| STEP_M * uniform()).sum();
+                ((smooth_m + dither_m) / STEP_M).round() * STEP_M
+            });
+            let displacement_m: Vec<f64> = displacement_m.collect();
+            let log = Log { dt_s: 5e-5, command_v: vec![0.0; 4000], displacement_m, ..Log::default() };
+            let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+            let found = beyond_stated(&model, &bench, &[]).unwrap();
+            (found.effect.id(), found.values[0], found.power_m2.sqrt())
+        };
+        for dithers in 0..3 {
+            let (id, step_m, rms_m) = told(dithers, STATED_M);
+            assert_eq!(id, "quantisation");
+            assert!((step_m / STEP_M - 1.0).abs() < 1e-3, "{step_m:e}");
+            let expected_m = STEP_M * ((1.0 + dithers as f64) / 12.0).sqrt();
+            assert!((rms_m / expected_m - 1.0).abs() < 0.1, "{rms_m:e} where {expected_m:e} were put in");
+        }
+        assert_eq!(told(2, 2.0 * STEP_M).0, "noise_excess");
     }
 }
