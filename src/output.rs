@@ -42,6 +42,12 @@ pub fn warn(warnings: &[String]) {
     }
 }
 
+/// Warnings with the file that each is about.
+pub fn about(path: &Path, warnings: Vec<String>) -> impl Iterator<Item = String> {
+    let name = path.display().to_string();
+    warnings.into_iter().map(move |warning| format!("{name}: {warning}"))
+}
+
 /// Prints label and value, aligned. Pages write a true minus; what scripts and terminals get is ASCII.
 pub fn facts(facts: &[(String, String)]) {
     let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);

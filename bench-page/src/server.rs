@@ -95,6 +95,9 @@ impl Served {
     }
 }
 
+/// Time in which a board is at 0 V by the slowest ramp that it takes, 10 s, and has said so.
+const LEAVE_WITHIN: Duration = Duration::from_secs(15);
+
 /// A server that has its port and does not answer yet.
 pub struct Server {
     listener: TcpListener,
@@ -132,7 +135,7 @@ impl Server {
     /// The port is lost.
     pub fn serve(self, engine: Engine) -> io::Result<()> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(async {
+        let served = runtime.block_on(async {
             let served = Arc::new(Served {
                 engine,
                 gate: Gate::new(self.at, self.token),
@@ -146,14 +149,26 @@ impl Server {
             let engine = served.engine.clone();
             tokio::select! {
                 served = axum::serve(listener, router(served)).into_future() => served,
-                () = asked_to_end() => {
-                    // A board that can't be left in order ramps down by itself when it misses us.
-                    let _ = engine.ask(Wish::Leave).await;
-                    Ok(())
-                }
+                () = asked_to_end() => left_in_order(engine.ask(Wish::Leave), LEAVE_WITHIN).await,
             }
-        })
+        });
+        // Of runs that are being read for a comparison nobody waits for the end.
+        runtime.shutdown_background();
+        served
     }
+}
+
+/// Waits until the board is `left` idle, unless that takes too long or the process is asked to end once more.
+async fn left_in_order<L>(left: impl Future<Output = L>, within: Duration) -> io::Result<()> {
+    let why = tokio::select! {
+        // A board that can't be left in order ramps down by itself when it misses us, which is no news to who has seen it lost.
+        _ = left => return Ok(()),
+        () = asked_to_end() => "it was asked to end once more".to_owned(),
+        () = tokio::time::sleep(within) => format!("the board was not left within {within:?}"),
+    };
+    Err(io::Error::other(format!(
+        "{why}; a board that misses this program ramps to 0 V by itself: look whether it is there"
+    )))
 }
 
 /// Waits for Ctrl-C or, where there is one, a signal to terminate.
@@ -585,4 +600,19 @@ fn reply(id: u32, done: Result<String, String>, value: Value) -> Message {
         Err(text) => (false, text),
     };
     Message::Text(json!({ "kind": "reply", "id": id, "ok": ok, "text": text, "value": value }).to_string().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_waits_for_ever_for_a_board_that_is_left() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let is_left =
+            |left: Pin<Box<dyn Future<Output = ()>>>| runtime.block_on(left_in_order(left, Duration::from_millis(20)));
+        assert!(is_left(Box::pin(std::future::ready(()))).is_ok());
+        let why = is_left(Box::pin(pending())).unwrap_err().to_string();
+        assert!(why.starts_with("the board was not left within 20ms; "), "{why}");
+    }
 }

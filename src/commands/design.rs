@@ -27,7 +27,7 @@ const N_DRAWN: usize = 4;
 pub fn design(call: &DesignCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
-    let mut warnings = model.warnings();
+    let mut warnings: Vec<String> = output::about(&call.plant, model.warnings()).collect();
     let given = call.controller.as_ref().map(|path| Controller::read(path)).transpose()?;
     if call.check {
         let Some(controller) = given else {

@@ -58,7 +58,7 @@ pub fn run(call: &DiagnoseCall) -> Result<Diagnosis, Failure> {
         bar.set_position((share * STEPS as f64) as u64);
     })?;
     bar.finish_and_clear();
-    found.warnings.splice(0..0, plant.warnings());
+    found.warnings.splice(0..0, output::about(&call.plant, plant.warnings()));
     let unsaid = |e: serde_json::Error| Failure::call(format!("diagnosis.json: {e}"));
     write(call, &found, &serde_json::to_string_pretty(&found).map_err(unsaid)?)?;
     output::warn(&found.warnings);

@@ -67,8 +67,8 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
         },
     };
     let mut warnings = Vec::new();
-    if let From::Plant(model) = &from {
-        warnings.extend(model.warnings());
+    if let (From::Plant(model), Some(path)) = (&from, &call.plant) {
+        warnings.extend(output::about(path, model.warnings()));
     }
     let logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
     warnings.extend(logs.iter().flat_map(log::warnings));

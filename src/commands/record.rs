@@ -234,12 +234,12 @@ fn lay_out(text: &str, rate_hz: f64) -> Result<Played, Failure> {
 
 /// Refuses loops that can't be stable or may go beyond what the stage stands, and drives that would; what there is to warn of.
 fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -> Result<Vec<String>, Failure> {
-    let Some(model) = model else {
+    let (Some(model), Some(path)) = (model, &call.plant) else {
         let loops = plan.settings.first().map(|_| "whether the loops are stable").into_iter();
         let unchecked: Vec<&str> = loops.chain(["whether the stage stands what is played"]).collect();
         return Ok(vec![format!("no --plant: {} was not checked", unchecked.join(" and "))]);
     };
-    let mut warnings = model.live_warnings();
+    let mut warnings: Vec<String> = output::about(path, model.live_warnings()).collect();
     let latency_s = board.latency_s();
     for (path, settings) in call.controller.iter().zip(&plan.settings) {
         warnings.extend(board::loop_warnings(path, settings, call.rate, latency_s, model, Free::Rate)?);

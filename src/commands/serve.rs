@@ -18,7 +18,7 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
     let bench = call.bench.as_deref().map(source).transpose()?;
     let settings = board::settings(&call.controller, call.rate)?;
     let open = opener(&call.at, Some(&bench.as_ref().unwrap_or(&plant).model), call.rate, call.seed, None)?;
-    std::fs::create_dir_all(&call.runs).map_err(|error| Failure::unwritable(&call.runs, &error))?;
+    let image = call.at.image.as_deref().map(output::named).transpose()?;
     let mut warnings = Vec::new();
     for source in [&plant].into_iter().chain(&bench) {
         warnings.extend(source.model.live_warnings().iter().map(|warning| format!("{}: {warning}", source.name)));
@@ -33,7 +33,9 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
         };
         Failure::call(format!("{address}: {error}; {advice}"))
     })?;
-    let engine = Engine::start(Setting {
+    let is_new = !call.runs.exists();
+    std::fs::create_dir_all(&call.runs).map_err(|error| Failure::unwritable(&call.runs, &error))?;
+    let started = Engine::start(Setting {
         place: call.at.board.clone(),
         open,
         patience: call.at.patience(),
@@ -43,9 +45,14 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
         plant,
         bench,
         controller: (output::file_name(&call.controller), settings),
-        image: call.at.image.as_deref().map(output::named).transpose()?,
+        image,
         runs: call.runs.clone(),
-    })?;
+    });
+    if started.is_err() && is_new {
+        // Nothing is left of a call that is refused; what is not empty stays.
+        let _ = std::fs::remove_dir(&call.runs);
+    }
+    let engine = started?;
     output::line(&server.address());
     output::warn(&warnings);
     if !call.listen.is_loopback() {
