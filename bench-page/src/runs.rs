@@ -6,6 +6,7 @@ use plant_sim::log::{ReadOptions, open};
 use serde::Serialize;
 use serde_json::Value;
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -100,7 +101,7 @@ pub struct Compared {
     pub command_v: [Vec<f32>; 2],
     /// Largest magnitude of the displacement.
     pub peak_um: f64,
-    /// Rms of reference minus displacement.
+    /// Rms of reference minus displacement, from the first row to the last in which anything is asked for or commanded.
     pub error_rms_um: Option<f64>,
     /// Largest magnitude of the command.
     pub peak_v: f64,
@@ -145,7 +146,6 @@ fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
         .as_ref()
         .filter(is_followed)
         .map(|reference_m| reference_m.iter().zip(&log.displacement_m).map(|(wanted, is)| wanted - is).collect());
-    let rms = |values: &Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt();
     Ok(Compared {
         name: name.to_owned(),
         column_s: length as f64 * log.dt_s,
@@ -153,9 +153,25 @@ fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
         error_um: error_m.as_ref().map(|error_m| thinned(&mut error_m.iter().map(|m| m * 1e6))),
         command_v: thinned(&mut log.command_v.iter().copied()),
         peak_um: peak(&log.displacement_m) * 1e6,
-        error_rms_um: error_m.as_ref().map(|error_m| rms(error_m) * 1e6),
+        error_rms_um: log
+            .reference_m
+            .as_ref()
+            .zip(error_m.as_ref())
+            .map(|(reference_m, error_m)| rms(&error_m[busy(reference_m, &log.command_v)]) * 1e6),
         peak_v: peak(&log.command_v),
     })
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// The rows but those at either end where the loop rests: how long a recording goes on beside its run is nothing of the loop's.
+fn busy(reference_m: &[f64], command_v: &[f64]) -> Range<usize> {
+    let is_busy = |(wanted, volts): (&f64, &f64)| *wanted != 0.0 || *volts != 0.0;
+    let from = reference_m.iter().zip(command_v).position(is_busy).unwrap_or(0);
+    let to = reference_m.iter().zip(command_v).rposition(is_busy).map_or(0, |last| last + 1);
+    from..to.max(from)
 }
 
 #[cfg(test)]
@@ -186,6 +202,24 @@ mod tests {
         let compared = compare(&folder, &names).map(|runs| runs.len());
         fs::remove_dir_all(&folder).unwrap();
         assert_eq!((names.len(), compared), (3, Ok(3)));
+    }
+
+    /// Ten runs of rest beside a run make its error no smaller.
+    #[test]
+    fn the_error_is_of_what_was_asked_for() {
+        let folder = std::env::temp_dir().join(format!("hysteron-busy-{}", std::process::id()));
+        let path = folder.join("run");
+        fs::create_dir_all(&path).unwrap();
+        let row = |k: u32| match k {
+            20..40 => format!("{:.3},5,8,10\n", f64::from(k) * 1e-3),
+            _ => format!("{:.3},0,0.5,0\n", f64::from(k) * 1e-3),
+        };
+        let rows: String = (0..220).map(row).collect();
+        fs::write(path.join("log.csv"), format!("time_s,command_V,displacement_um,reference_um\n{rows}")).unwrap();
+        let compared = compare(&folder, &["run".to_owned()]);
+        fs::remove_dir_all(&folder).unwrap();
+        assert!((compared.unwrap()[0].error_rms_um.unwrap() - 2.0).abs() < 1e-9);
+        assert_eq!([busy(&[0.0; 3], &[0.0; 3]), busy(&[0.0, 1.0, 0.0], &[0.0, 0.0, 2.0])], [0..0, 1..3]);
     }
 
     #[test]
