@@ -324,87 +324,89 @@ mod tests {
     use super::*;
     use crate::diagnose::hypothesis::Freedom;
     use crate::diagnose::records::record;
+    use crate::diagnose::search::Candidate;
     use crate::diagnose::spread::Scattered;
     use crate::diagnose::thesis;
     use plant_sim::log::Log;
     use std::sync::atomic::AtomicUsize;
 
-    /// That none of the registry's explains a gap is not said where all of them together are more probable, though each is less.
-    #[test]
-    fn unknown_is_weighed_against_all_that_explain() {
+    /// What `of` makes of the refit of a bench that stands still.
+    fn of_a_still_bench(of: impl FnOnce(&Search<'_>, &Candidate)) {
         let model = thesis();
         let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![1e-8; 400], ..Log::default() };
         let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
         let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
-        let refit = search.refit(Freedom::Rest);
-        let explanation = |(id, probability): (&'static str, f64)| {
-            let mut explanation = Explanation::by_fit(&refit, 0.6, 0.01);
-            explanation.judged.ids = vec![id];
-            explanation.probability = probability;
-            explanation
-        };
-        let said = |of: &[(&'static str, f64)], unknown: f64, no_gap: f64| {
-            let explanations = of.iter().copied().map(explanation).collect();
-            let course = Course { unknown, no_gap, ..Course::new(refit.clone(), explanations, Scattered::default()) };
-            let (verdict, top, _) = named(&search, &course, &[]);
-            (verdict, top.map(|top| top.judged.ids[0]))
-        };
-        let lags = [("amplifier_bandwidth", 0.3), ("transport_delay", 0.25)];
-        assert_eq!(said(&lags, 0.45, 0.0), (Verdict::Explained, Some("amplifier_bandwidth")));
-        assert_eq!(said(&lags[..1], 0.7, 0.0), (Verdict::Unknown, None));
-        // None that is less probable than that there is no gap.
-        assert_eq!(said(&lags, 0.01, 0.44), (Verdict::NoGap, None));
+        of(&search, &search.refit(Freedom::Rest));
+    }
+
+    /// An explanation by one effect that leaves some of the gap, with what its numbers' shifts cost.
+    fn explanation(refit: &Candidate, id: &'static str, probability: f64, [left, prior_cost]: [f64; 2]) -> Explanation {
+        let mut explanation = Explanation::by_fit(refit, left, 0.01);
+        explanation.judged.ids = vec![id];
+        explanation.judged.prior_cost = prior_cost;
+        explanation.probability = probability;
+        explanation
+    }
+
+    /// That none of the registry's explains a gap is not said where all of them together are more probable, though each is less.
+    #[test]
+    fn unknown_is_weighed_against_all_that_explain() {
+        of_a_still_bench(|search, refit| {
+            let said = |of: &[(&'static str, f64)], unknown: f64, no_gap: f64| {
+                let explanations = of.iter().map(|(id, p)| explanation(refit, id, *p, [0.6, 0.0])).collect();
+                let course =
+                    Course { unknown, no_gap, ..Course::new(refit.clone(), explanations, Scattered::default()) };
+                let (verdict, top, _) = named(search, &course, &[]);
+                (verdict, top.map(|top| top.judged.ids[0]))
+            };
+            let lags = [("amplifier_bandwidth", 0.3), ("transport_delay", 0.25)];
+            assert_eq!(said(&lags, 0.45, 0.0), (Verdict::Explained, Some("amplifier_bandwidth")));
+            assert_eq!(said(&lags[..1], 0.7, 0.0), (Verdict::Unknown, None));
+            // None that is less probable than that there is no gap.
+            assert_eq!(said(&lags, 0.01, 0.44), (Verdict::NoGap, None));
+        });
     }
 
     /// A form that lacks something shifts numbers for it, the nearer one no less than others.
     #[test]
     fn where_nothing_is_believed_what_leaves_least_is_the_nearest() {
-        let model = thesis();
-        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![1e-8; 400], ..Log::default() };
-        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
-        let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
-        let refit = search.refit(Freedom::Rest);
-        let explanation = |(id, probability, left, prior_cost): (&'static str, f64, f64, f64)| {
-            let mut explanation = Explanation::by_fit(&refit, left, 0.01);
-            explanation.judged.ids = vec![id];
-            explanation.judged.prior_cost = prior_cost;
-            explanation.probability = probability;
-            explanation
-        };
-        let lags = [("amplifier_bandwidth", 0.27, 0.99, 53.0), ("vibration_mode", 0.03, 0.41, 220.0)];
-        let course = Course::new(refit.clone(), lags.into_iter().map(explanation).collect(), Scattered::default());
-        let first = |unknown: f64, named: Option<&Explanation>| -> Vec<String> {
-            let ranking = ranking(&course, [0.0, unknown], named, None, &[]);
-            assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
-            assert!((probability(&ranking, "unknown") - unknown / (0.3 + unknown)).abs() < 1e-12);
-            ranking[..3].iter().map(|r| r.effect.clone()).collect()
-        };
-        assert_eq!(first(0.7, None), ["unknown", "vibration_mode", "amplifier_bandwidth"]);
-        assert_eq!(first(0.2, Some(&course.explanations[0])), ["amplifier_bandwidth", "unknown", "vibration_mode"]);
+        of_a_still_bench(|_search, refit| {
+            let lags = vec![
+                explanation(refit, "amplifier_bandwidth", 0.27, [0.99, 53.0]),
+                explanation(refit, "vibration_mode", 0.03, [0.41, 220.0]),
+            ];
+            let course = Course::new(refit.clone(), lags, Scattered::default());
+            let first = |unknown: f64, named: Option<&Explanation>| -> Vec<String> {
+                let ranking = ranking(&course, [0.0, unknown], named, None, &[]);
+                assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+                assert!((probability(&ranking, "unknown") - unknown / (0.3 + unknown)).abs() < 1e-12);
+                ranking[..3].iter().map(|r| r.effect.clone()).collect()
+            };
+            assert_eq!(first(0.7, None), ["unknown", "vibration_mode", "amplifier_bandwidth"]);
+            assert_eq!(first(0.2, Some(&course.explanations[0])), ["amplifier_bandwidth", "unknown", "vibration_mode"]);
+        });
     }
 
     #[test]
     fn no_gap_hides_gains_before_anything_else() {
-        let model = thesis();
-        let log = Log { dt_s: 5e-5, command_v: vec![0.0; 400], displacement_m: vec![1e-8; 400], ..Log::default() };
-        let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
-        let search = Search { bench: &bench, simulations: &AtomicUsize::new(0) };
-        let course = Course::new(search.refit(Freedom::Rest), Vec::new(), Scattered::default());
-        let told = |surprises, without: &[&str]| {
-            ranking(&course, [0.99, 0.01], None, None, &hidden(&bench, surprises, without))
-        };
-        let of = |without: &[&str]| told(false, without);
-        let first = |ranking: &[Ranked]| -> Vec<String> { ranking[..3].iter().map(|r| r.effect.clone()).collect() };
-        assert_eq!(first(&of(&[])), ["no_gap", "amplifier_gain", "sensor_gain"]);
-        assert_eq!(set90(&of(&[])), ["no_gap"]);
-        assert_eq!(first(&of(&["amplifier_gain"])), ["no_gap", "sensor_gain", "unknown"]);
-        for ranking in [of(&[]), of(&WITHIN_STATED)] {
-            assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
-        }
-        assert_eq!(probability(&of(&WITHIN_STATED), "sensor_gain"), 0.0);
-        // A gain makes no log be missed that was not fitted; a number or a zero that the fitted rows leave open does.
-        assert_eq!(set90(&told(true, &[])), ["no_gap", "sensor_offset", "parameter_error"]);
-        assert_eq!(set90(&told(true, &LEFT_OPEN)), ["no_gap"]);
+        of_a_still_bench(|search, refit| {
+            let course = Course::new(refit.clone(), Vec::new(), Scattered::default());
+            let told = |surprises, without: &[&str]| {
+                ranking(&course, [0.99, 0.01], None, None, &hidden(search.bench, surprises, without))
+            };
+            let of = |without: &[&str]| told(false, without);
+            let first = |ranking: &[Ranked]| -> Vec<String> { ranking[..3].iter().map(|r| r.effect.clone()).collect() };
+            assert_eq!(first(&of(&[])), ["no_gap", "amplifier_gain", "sensor_gain"]);
+            assert_eq!(set90(&of(&[])), ["no_gap"]);
+            assert_eq!(first(&of(&["amplifier_gain"])), ["no_gap", "sensor_gain", "unknown"]);
+            for ranking in [of(&[]), of(&WITHIN_STATED)] {
+                assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+            }
+            assert_eq!(probability(&of(&WITHIN_STATED), "sensor_gain"), 0.0);
+            // A gain makes no log be missed that was not fitted; a number or a zero that the fitted rows leave open does.
+            assert_eq!(set90(&told(true, &[])), ["no_gap", "sensor_offset", "parameter_error"]);
+            assert_eq!(set90(&told(true, &LEFT_OPEN)), ["no_gap"]);
+        });
     }
 
     #[test]
