@@ -43,9 +43,8 @@ pub fn warn(warnings: &[String]) {
 }
 
 /// Warnings with the file that each is about.
-pub fn about(path: &Path, warnings: Vec<String>) -> impl Iterator<Item = String> {
-    let name = path.display().to_string();
-    warnings.into_iter().map(move |warning| format!("{name}: {warning}"))
+pub fn about(path: &Path, warnings: Vec<String>) -> Vec<String> {
+    warnings.into_iter().map(|warning| format!("{}: {warning}", path.display())).collect()
 }
 
 /// Prints label and value, aligned. Pages write a true minus; what scripts and terminals get is ASCII.

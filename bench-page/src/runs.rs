@@ -3,6 +3,7 @@
 //! A run is read from its files alone, so that runs of `hysteron hil` and of earlier days are there, too. What this does not do: write.
 
 use plant_sim::log::{ReadOptions, open};
+use plant_sim::metrics::rms;
 use serde::Serialize;
 use serde_json::Value;
 use std::fs;
@@ -157,13 +158,9 @@ fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
             .reference_m
             .as_ref()
             .zip(error_m.as_ref())
-            .map(|(reference_m, error_m)| rms(&error_m[busy(reference_m, &log.command_v)]) * 1e6),
+            .map(|(reference_m, error_m)| rms(error_m[busy(reference_m, &log.command_v)].iter().copied()) * 1e6),
         peak_v: peak(&log.command_v),
     })
-}
-
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
 /// The rows but those at either end where the loop rests: how long a recording goes on beside its run is nothing of the loop's.

@@ -78,6 +78,8 @@ const MOST_READS: usize = 4;
 const READS_AT_ONCE: usize = 2;
 /// How often the lease is looked at.
 const LEASE_LOOK: Duration = Duration::from_millis(200);
+/// Time in which a board is at 0 V by the slowest ramp that it takes, 10 s, and has said so.
+const LEAVE_WITHIN: Duration = Duration::from_secs(15);
 
 /// What the sockets share.
 struct Served {
@@ -94,9 +96,6 @@ impl Served {
         self.lease.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
-
-/// Time in which a board is at 0 V by the slowest ramp that it takes, 10 s, and has said so.
-const LEAVE_WITHIN: Duration = Duration::from_secs(15);
 
 /// A server that has its port and does not answer yet.
 pub struct Server {

@@ -305,6 +305,7 @@ fn a_controldesk_capture_is_read() {
         let log = log::read(&path, &options).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!((log.len(), log.command_v[3], log.displacement_m[4]), (40, 6.0, 2e-6));
         assert!((log.dt_s - 1e-3).abs() < 1e-17);
+        assert_eq!(log.others, ["Model Root/Other/y_um", "Model Root/temperature"]);
 
         options.columns.insert("displacement".into(), "y_um".into());
         let message = log::read(&path, &options).expect_err("two").to_string();

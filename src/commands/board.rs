@@ -36,7 +36,7 @@ pub fn board_run(call: &BoardRunCall) -> Result<(), Failure> {
     let Some(spec) = spec else {
         return Err(Failure::call("nothing to drive with: give --controller and --reference, or --command"));
     };
-    let mut warnings: Vec<String> = output::about(&call.plant, model.live_warnings()).collect();
+    let mut warnings = output::about(&call.plant, model.live_warnings());
     let is_closed_loop = call.drive.reference.is_some();
     let program = Program::new(spec, call.rate)?;
     match (is_closed_loop, program.unit()) {

@@ -13,7 +13,7 @@ pub fn board_serve(call: &BoardServeCall) -> Result<(), Failure> {
     let image = Image::read(&call.image).map_err(|error| Failure::file(error.to_string()))?;
     let model = Model::read(&call.plant)?;
     let bench = bench(&image, &model, call.rate, call.seed, call.anti_alias)?;
-    output::warn(&output::about(&call.plant, model.live_warnings()).collect::<Vec<String>>());
+    output::warn(&output::about(&call.plant, model.live_warnings()));
     let (mut line, place) = open(call)?;
     let pace = if call.pace == "lockstep" { Pace::Lockstep } else { Pace::Real };
     let mut board = VirtualBoard::new(&image, &bench, step_cycles(call.rate));

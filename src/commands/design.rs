@@ -27,7 +27,7 @@ const N_DRAWN: usize = 4;
 pub fn design(call: &DesignCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
-    let mut warnings: Vec<String> = output::about(&call.plant, model.warnings()).collect();
+    let mut warnings = output::about(&call.plant, model.warnings());
     let given = call.controller.as_ref().map(|path| Controller::read(path)).transpose()?;
     if call.check {
         let Some(controller) = given else {

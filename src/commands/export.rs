@@ -8,9 +8,6 @@ use plant_sim::log;
 /// Rows that are held in memory: an hour at 20 kHz, some gigabytes.
 const MOST_ROWS: usize = 72_000_000;
 
-/// Columns that a warning names.
-const MOST_TOLD: usize = 12;
-
 /// Runs it.
 pub fn export(call: &ExportCall) -> Result<(), Failure> {
     let logs = super::logs::read(std::slice::from_ref(&call.log), &[], &call.read, MOST_ROWS)?;
@@ -20,13 +17,10 @@ pub fn export(call: &ExportCall) -> Result<(), Failure> {
         output::warn(&["NPY has no room for metadata: rate, hold and latency are lost".to_owned()]);
     }
     if !log.others.is_empty() {
-        let told = match log.others.get(MOST_TOLD..).map_or(0, <[String]>::len) {
-            0 => log.others.join(", "),
-            more => format!("{} and {more} more", log.others[..MOST_TOLD].join(", ")),
-        };
         output::warn(&[format!(
-            "{}: left out, as they are none of a log's columns: {told}; --columns says which column is which",
-            call.log.display()
+            "{}: left out, as they are none of a log's columns: {}; --columns says which column is which",
+            call.log.display(),
+            log::excerpt_list(&log.others)
         )]);
     }
     output::line(&format!("log: {} ({} rows)", call.out.display(), log.len()));

@@ -70,7 +70,7 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut session = session(&call.at, link);
     let board = session.greet()?;
     let latency_s = if call.paced { paced::latency_s(call.rate) } else { board.latency_s() };
-    let mut warnings: Vec<String> = output::about(plant, model.live_warnings()).collect();
+    let mut warnings = output::about(plant, model.live_warnings());
     let free = if call.paced { Free::Neither } else { Free::Rate };
     warnings.extend(board::loop_warnings(controller, &settings, call.rate, latency_s, &model, free)?);
     // Idle first: of a board that does something else nothing is changed, and nothing put back.

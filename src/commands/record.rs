@@ -239,7 +239,7 @@ fn check(call: &RecordCall, plan: &Plan, board: &Board, model: Option<&Model>) -
         let unchecked: Vec<&str> = loops.chain(["whether the stage stands what is played"]).collect();
         return Ok(vec![format!("no --plant: {} was not checked", unchecked.join(" and "))]);
     };
-    let mut warnings: Vec<String> = output::about(path, model.live_warnings()).collect();
+    let mut warnings = output::about(path, model.live_warnings());
     let latency_s = board.latency_s();
     for (path, settings) in call.controller.iter().zip(&plan.settings) {
         warnings.extend(board::loop_warnings(path, settings, call.rate, latency_s, model, Free::Rate)?);

@@ -27,7 +27,7 @@ const FORGET_ROWS: usize = 4096;
 pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
-    let mut warnings: Vec<String> = output::about(&call.plant, model.warnings()).collect();
+    let mut warnings = output::about(&call.plant, model.warnings());
     let head = head(call)?;
     warnings.extend(log::warnings(&head));
     let run_in_s = call.start.run_in.or(head.meta.run_in_s).unwrap_or(0.0);

@@ -21,7 +21,7 @@ pub fn serve(call: &ServeCall) -> Result<(), Failure> {
     let image = call.at.image.as_deref().map(output::named).transpose()?;
     let mut warnings = Vec::new();
     for source in [&plant].into_iter().chain(&bench) {
-        warnings.extend(source.model.live_warnings().iter().map(|warning| format!("{}: {warning}", source.name)));
+        warnings.extend(output::about(Path::new(&source.name), source.model.live_warnings()));
     }
     // The port first: nothing is said to a board for a page that nobody could open.
     let address = SocketAddr::new(call.listen, call.port);

@@ -19,7 +19,7 @@ const MOST_ROWS: f64 = 2e7;
 pub fn simulate(call: &SimulateCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
-    let mut warnings: Vec<String> = output::about(&call.plant, model.warnings()).collect();
+    let mut warnings = output::about(&call.plant, model.warnings());
     let spec = call.drive.spec();
     let Some(spec) = spec else {
         return Err(Failure::call("nothing to drive with: give --controller and --reference, or --command"));

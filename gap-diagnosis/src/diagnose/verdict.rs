@@ -104,10 +104,9 @@ pub(super) fn named<'c>(
 /// fitted `surprises`, what the fitted ones leave to the numbers and starts.
 pub(super) fn hidden(bench: &Bench<'_>, surprises: bool, without: &[&str]) -> Vec<(&'static str, f64)> {
     let imitated = symmetric(bench);
-    let gains = WITHIN_STATED.into_iter().filter(|id| imitated.contains(id)).map(|id| (id, OF_EACH_GAIN));
-    let open = LEFT_OPEN.into_iter().map(|id| (id, OF_EACH_OPEN));
-    let hidden: Vec<(&str, f64)> = if surprises { open.collect() } else { gains.collect() };
-    hidden.into_iter().filter(|(id, _)| !without.contains(id)).collect()
+    let (ids, of_each) = if surprises { (LEFT_OPEN, OF_EACH_OPEN) } else { (WITHIN_STATED, OF_EACH_GAIN) };
+    let may_hide = |id: &&str| (surprises || imitated.contains(id)) && !without.contains(id);
+    ids.into_iter().filter(may_hide).map(|id| (id, of_each)).collect()
 }
 
 /// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives most to the one

@@ -261,6 +261,12 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
         .collect())
 }
 
+/// Those of a file's `names` that are none of the `wanted` columns.
+pub(crate) fn others<'n>(names: impl IntoIterator<Item = &'n String>, wanted: &[Wanted]) -> Vec<String> {
+    let is_other = |name: &&String| !name.is_empty() && wanted.iter().all(|want| want.name != **name);
+    names.into_iter().filter(is_other).cloned().collect()
+}
+
 /// Whether a rate can be used: positive, and neither it nor the interval overflows.
 pub(crate) fn is_rate(rate_hz: f64) -> bool {
     rate_hz.is_normal() && rate_hz > 0.0 && rate_hz.recip().is_normal()

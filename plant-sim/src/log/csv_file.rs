@@ -12,7 +12,7 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use super::ReadOptions;
-use super::column::{Column, N_READ, Scale, Wanted};
+use super::column::{Column, N_READ, Scale, Wanted, others};
 use super::error::{LogError, Place, excerpt};
 use super::grid::TimePrint;
 use super::meta::Meta;
@@ -101,9 +101,6 @@ pub(crate) fn open<R: Read + Send + 'static>(
         });
     }
 
-    let is_read = |name: &String| fields.iter().any(|field| field.name == *name);
-    let is_other = |name: &&String| !name.is_empty() && !is_read(name);
-    let others = names.iter().filter(is_other).map(|name| excerpt(name)).collect();
     let rows = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
@@ -116,7 +113,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
         meta,
         rate_hz: None,
         has,
-        others,
+        others: others(&names, wanted),
         rows: Box::new(CsvRows {
             path: path.to_path_buf(),
             rows,
@@ -289,7 +286,7 @@ fn told(names: &[String]) -> String {
 }
 
 /// The names of the columns for a message, the first twenty of them.
-pub(crate) fn excerpt_list<S: AsRef<str>>(names: &[S]) -> String {
+pub fn excerpt_list<S: AsRef<str>>(names: &[S]) -> String {
     let mut list: Vec<String> = names.iter().take(20).map(|name| excerpt(name.as_ref())).collect();
     if names.len() > 20 {
         list.push(format!("... ({} in all)", names.len()));

@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::ReadOptions;
-use super::column::{Column, N_READ, Scale, Wanted};
+use super::column::{Column, N_READ, Scale, Wanted, others};
 use super::csv_file::excerpt_list;
 use super::error::{LogError, Place, excerpt};
 use super::grid::TimePrint;
@@ -114,7 +114,14 @@ pub(crate) fn open<R: Read>(
             n_other: other.numbers.len(),
         });
     }
-    let others = others(&variables, capture.as_ref(), &fields);
+    // Variables and signals as long as a log; a signal is read by the last component of its name as well.
+    let n_rows = fields.first().map_or(0, |field| field.numbers.len());
+    let is_as_long = |value: &Value| matches!(value, Value::Real { numbers, .. } if numbers.len() == n_rows);
+    let is_read = |signal: &&Signal<'_>| fields.iter().any(|field| signal.full.rsplit('/').next() == Some(&field.name));
+    let signals = capture.iter().flat_map(|capture| &capture.signals).filter(|signal| !is_read(signal));
+    let all =
+        variables.iter().map(|(name, value)| (name, value)).chain(signals.map(|signal| (&signal.full, signal.data)));
+    let others = others(all.filter(|(_, value)| is_as_long(value)).map(|(name, _)| name), wanted);
     Ok(Opened { meta, rate_hz, has, others, rows: Box::new(MatRows { path: path.to_path_buf(), fields, n_read: 0 }) })
 }
 
@@ -228,19 +235,6 @@ fn existing(variables: &[(String, Value)], capture: Option<&Capture<'_>>) -> Str
         Some(capture) => excerpt_list(&capture.signals.iter().map(|s| s.full.as_str()).collect::<Vec<_>>()),
         None => excerpt_list(&variables.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>()),
     }
-}
-
-/// Signals of a capture and variables as long as a log, which are none of its columns.
-fn others(variables: &[(String, Value)], capture: Option<&Capture<'_>>, fields: &[Field]) -> Vec<String> {
-    let n_rows = fields.first().map_or(0, |field| field.numbers.len());
-    let is_as_long = |value: &Value| matches!(value, Value::Real { numbers, .. } if numbers.len() == n_rows);
-    let signals = capture.iter().flat_map(|capture| &capture.signals).map(|signal| (&signal.full, signal.data));
-    let all = variables.iter().map(|(name, value)| (name, value)).chain(signals);
-    let is_read = |name: &str| {
-        let last = name.rsplit('/').next();
-        fields.iter().any(|field| field.name == name || Some(field.name.as_str()) == last)
-    };
-    all.filter(|(name, value)| is_as_long(value) && !is_read(name)).map(|(name, _)| excerpt(name)).collect()
 }
 
 /// dSPACE ControlDesk's capture.

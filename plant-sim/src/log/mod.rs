@@ -39,6 +39,7 @@ use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 pub use column::Column;
+pub use csv_file::excerpt_list;
 pub use error::{LogError, Place};
 pub use export::export;
 pub use meta::{Hold, Meta};

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use npyz::{DType, Deserialize, NpyHeader, Order, TypeRead};
 
 use super::ReadOptions;
-use super::column::{Column, N_READ, Scale, Wanted};
+use super::column::{Column, N_READ, Scale, Wanted, others};
 use super::csv_file::excerpt_list;
 use super::error::{LogError, Place, excerpt};
 use super::grid::TimePrint;
@@ -135,14 +135,11 @@ pub(crate) fn open<R: Read + Send + 'static>(
     } else {
         Box::new(io::BufReader::with_capacity(1 << 16, reader))
     };
-    let is_read = |name: &str| fields.iter().any(|field| field.name == name);
-    let others =
-        columns.iter().map(|(name, ..)| name).filter(|name| !is_read(name)).map(|name| excerpt(name)).collect();
     Ok(Opened {
         meta: Meta::default(),
         rate_hz: None,
         has,
-        others,
+        others: others(columns.iter().map(|(name, ..)| name), wanted),
         rows: Box::new(NpyRows {
             path: path.to_path_buf(),
             rows,
