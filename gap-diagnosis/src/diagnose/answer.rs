@@ -15,7 +15,7 @@ use super::refit::{has_gap, led_without_one, refitted};
 use super::report::responses_of;
 use super::screen::Lead;
 use super::search::Search;
-use super::verdict::{Class, Ranked, Verdict, hidden, leading, named, probability, ranking, set90};
+use super::verdict::{Class, Ranked, Verdict, hidden, leading, named, probability, ranking, set90, shares_of_known};
 use super::zeros::own_zeros;
 use super::{Options, Say};
 use crate::identify::START_SHARE;
@@ -270,7 +270,8 @@ pub(super) fn answer(
     let powers: Vec<(&'static str, f64)> = found.random.iter().map(|r| (r.effect.id(), r.power_m2)).collect();
     let shares = shares(benches, &three, &found.variant, &powers);
     let hidden = hidden(bench, is_left_open, &without);
-    let ranking = ranking(course, shares_of_nothing, explanation, beyond.as_ref(), &hidden);
+    let shares_of_known = shares_of_known(course, shares_of_nothing, explanation);
+    let ranking = ranking(course, &shares_of_known, shares_of_nothing, explanation, beyond.as_ref(), &hidden);
     let set90 = set90(&ranking);
     let effects = effects(verdict, explanation, beyond.as_ref(), &shares);
 
@@ -343,7 +344,7 @@ pub(super) fn answer(
             location_after: Some(location_after),
             logs,
             responses,
-            rivals: rivals(course, explanation),
+            rivals: rivals(course, &shares_of_known, explanation),
             named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
             hidden: hidden.iter().filter(|_| verdict == Verdict::NoGap).map(|(id, _)| *id).collect(),
@@ -577,18 +578,21 @@ fn best_fit<'a>(fits: impl Iterator<Item = (&'a [&'static str], f64)>) -> Option
     Some(BestFit { effects, rms_over_noise: chi.max(0.0).sqrt() })
 }
 
-fn rivals(course: &Course, named: Option<&Explanation>) -> Vec<Rival> {
-    let others = course.explanations.iter().filter(|e| named.is_none_or(|named| !std::ptr::eq(*e, named)));
-    let rival = |e: &Explanation| Rival {
+fn rivals(course: &Course, shares: &[f64], named: Option<&Explanation>) -> Vec<Rival> {
+    let all = course.explanations.iter().zip(shares);
+    let others = all.filter(|(e, _)| named.is_none_or(|named| !std::ptr::eq(*e, named)));
+    let rival = |(e, share): (&Explanation, &f64)| Rival {
         effects: e.judged.ids.iter().map(|id| (*id).to_owned()).collect(),
         numbers: e.freed.iter().filter_map(|freed| freed.quantity).map(|quantity| quantity.name()).collect(),
         rms_over_noise: e.candidate.chi.max(0.0).sqrt(),
         prior_cost: e.judged.prior_cost,
-        probability: e.probability,
+        probability: *share,
         left: e.judged.left,
         of_worst: e.judged.of_worst,
     };
-    others.map(rival).collect()
+    let mut rivals: Vec<Rival> = others.map(rival).collect();
+    rivals.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    rivals
 }
 
 #[cfg(test)]

@@ -124,7 +124,7 @@ impl Diagnosis {
                 .iter()
                 .map(|ranked| RankView {
                     effect: ranked.effect.clone(),
-                    note: self.note(&ranked.effect),
+                    note: note(&ranked.effect, &self.evidence.hidden),
                     probability: ranked.probability,
                 })
                 .collect(),
@@ -206,16 +206,6 @@ impl Diagnosis {
             signature: signature.to_owned(),
             source: source.to_owned(),
             parameters: parameters.collect(),
-        }
-    }
-
-    /// What stands beside an entry's probability: its stage, and whether what the plant states is why it has one.
-    fn note(&self, id: &str) -> String {
-        let stage = find(id).map_or("", |effect| effect.stage().name());
-        if self.evidence.hidden.contains(&id) {
-            format!("{stage}; within what the plant states no fitted log shows it")
-        } else {
-            stage.to_owned()
         }
     }
 
@@ -344,6 +334,13 @@ fn less(shrink_percent: f64, [low, high]: [f64; 2]) -> String {
     }
 }
 
+/// What stands beside an entry's probability: its stage, and whether it is `hidden` by what the plant states.
+fn note(id: &str, hidden: &[&str]) -> String {
+    let stage = find(id).map(|effect| effect.stage().name());
+    let hides = hidden.contains(&id).then_some("within what the plant states no fitted log shows it");
+    [stage, hides].into_iter().flatten().collect::<Vec<&str>>().join("; ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -362,6 +359,14 @@ mod tests {
         assert_eq!(of(Some(("periodic_force", "environment"))), "periodic_force (environment) and creep");
         assert_eq!(of(Some(("creep", "structure"))), "periodic_force and creep (structure)");
         assert_eq!(of(None), "periodic_force and creep");
+    }
+
+    #[test]
+    fn what_hides_is_told_with_a_stage_where_it_has_one() {
+        let of = |id| note(id, &["sensor_offset", "parameter_error"]);
+        assert_eq!(of("sensor_offset"), "sensor; within what the plant states no fitted log shows it");
+        assert_eq!(of("parameter_error"), "within what the plant states no fitted log shows it");
+        assert_eq!([of("creep"), of("unknown")], ["actuator", ""]);
     }
 
     #[test]

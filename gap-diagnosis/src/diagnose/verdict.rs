@@ -110,9 +110,10 @@ pub(super) fn hidden(bench: &Bench<'_>, surprises: bool, without: &[&str]) -> Ve
 }
 
 /// Probabilities of all entries, most probable first, with those of `no_gap` and `unknown`. An explanation of several members gives most to the one
-/// without which it explains least: a second one may but mend what a first one's form lacks, however much it moves. `hidden` is what `no_gap` may hide.
+/// without which it explains least: a second one may but mend what a first one's form lacks, however much it moves. `shares` are those of the explanations, `hidden` is what `no_gap` may hide.
 pub(super) fn ranking(
     course: &Course,
+    shares: &[f64],
     [no_gap, unknown]: [f64; 2],
     named: Option<&Explanation>,
     beyond_stated: Option<&Random>,
@@ -125,9 +126,6 @@ pub(super) fn ranking(
             ranked.probability += probability;
         }
     };
-    let is_unknown = named.is_none() && unknown > no_gap;
-    let believed = || course.explanations.iter().map(|explanation| explanation.probability).collect();
-    let shares: Vec<f64> = if is_unknown { by_what_they_leave(course) } else { believed() };
     for (explanation, share) in course.explanations.iter().zip(shares) {
         let mut members: Vec<(&str, f64)> = if named.is_some_and(|named| std::ptr::eq(named, explanation)) {
             explanation.judged.ids.iter().map(|id| (*id, needed(course, explanation, id))).collect()
@@ -166,10 +164,14 @@ pub(super) fn ranking(
     ranking
 }
 
-/// How the explanations share what is theirs where none is believed: by what they leave. The numbers that each of them shifts make up for what its form
-/// lacks, and so do those that it has itself, so that the cost of neither says which is the nearest.
-fn by_what_they_leave(course: &Course) -> Vec<f64> {
-    let known: f64 = course.explanations.iter().map(|explanation| explanation.probability).sum();
+/// How probable each explanation is. Where `unknown` is the answer they share what is theirs by what they leave: the numbers that each of them shifts make
+/// up for what its form lacks, and so do those that it has itself, so that the cost of neither says which is the nearest.
+pub(super) fn shares_of_known(course: &Course, [no_gap, unknown]: [f64; 2], named: Option<&Explanation>) -> Vec<f64> {
+    let believed: Vec<f64> = course.explanations.iter().map(|explanation| explanation.probability).collect();
+    if named.is_some() || unknown <= no_gap {
+        return believed;
+    }
+    let known: f64 = believed.iter().sum();
     let score = |e: &Explanation| Judged { prior_cost: 0.0, parameters: 1, ..e.judged.clone() }.score();
     let scores: Vec<f64> = course.explanations.iter().map(score).collect();
     probabilities(&scores).into_iter().map(|p| known * p).collect()
@@ -376,7 +378,8 @@ mod tests {
             ];
             let course = Course::new(refit.clone(), lags, Scattered::default());
             let first = |unknown: f64, named: Option<&Explanation>| -> Vec<String> {
-                let ranking = ranking(&course, [0.0, unknown], named, None, &[]);
+                let shares = shares_of_known(&course, [0.0, unknown], named);
+                let ranking = ranking(&course, &shares, [0.0, unknown], named, None, &[]);
                 assert!((ranking.iter().map(|r| r.probability).sum::<f64>() - 1.0).abs() < 1e-12);
                 assert!((probability(&ranking, "unknown") - unknown / (0.3 + unknown)).abs() < 1e-12);
                 ranking[..3].iter().map(|r| r.effect.clone()).collect()
@@ -391,7 +394,7 @@ mod tests {
         of_a_still_bench(|search, refit| {
             let course = Course::new(refit.clone(), Vec::new(), Scattered::default());
             let told = |surprises, without: &[&str]| {
-                ranking(&course, [0.99, 0.01], None, None, &hidden(search.bench, surprises, without))
+                ranking(&course, &[], [0.99, 0.01], None, None, &hidden(search.bench, surprises, without))
             };
             let of = |without: &[&str]| told(false, without);
             let first = |ranking: &[Ranked]| -> Vec<String> { ranking[..3].iter().map(|r| r.effect.clone()).collect() };
