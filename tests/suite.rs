@@ -2,6 +2,7 @@
 //! all files after it.
 
 mod bad_input;
+mod benchmark_logs;
 mod closed_loop;
 mod compare;
 mod demo;

@@ -16,6 +16,9 @@ const MOST_NEIGHBOURS: usize = 1_000_000;
 const LAGS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 const FORGOTTEN: f64 = 0.1;
 
+/// Power of neighbours' differences at standstill that may be noise, in units of the noise's: beyond it is what no error of the instants makes.
+const NOISE_AT_REST: f64 = 2.0;
+
 /// Least excess in stretches that repeat themselves, in shares of the noise's power, of which it is asked whether it comes back.
 const TOLD: f64 = 0.1;
 
@@ -30,7 +33,7 @@ pub struct Scattered {
     pub jitter_sigma_s: f64,
     /// See `jitter_s`.
     pub jitter_m2: f64,
-    /// Power beyond that of the noise at standstill, the line's foot: what jitter has to account for.
+    /// Power beyond that of the noise at standstill, the line's foot where that may be noise: what jitter has to account for.
     pub moving_m2: f64,
     /// Rows that repeat the one before, as a share, and the power of the residual in them.
     pub repeated_share: f64,
@@ -50,8 +53,7 @@ pub struct Scattered {
 /// nothing is installed `may_wander` be true.
 pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) -> Scattered {
     let mut rows = 0usize;
-    let mut excess = 0.0;
-    let mut squares = 0.0;
+    let (mut squares, mut noise) = (0.0, 0.0);
     let mut repeats = (0usize, 0.0);
     let mut stretches = Vec::new();
     let mut by_velocity = Vec::new();
@@ -72,7 +74,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
                 repeats.1 += square - noise2;
             } else {
                 squares += square;
-                excess += square - noise2;
+                noise += noise2;
             }
         }
         let length = (count / STRETCHES).max(1);
@@ -94,6 +96,7 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
         }
     }
     let count = rows.max(1) as f64;
+    let kept = (count - repeats.0 as f64).max(1.0);
     let (slope, slope_sigma, foot) = slope(&mut by_velocity);
     let mean_v2 = by_velocity.iter().map(|p| p.0).sum::<f64>() / by_velocity.len().max(1) as f64;
     // What the plant states of its instants is no news.
@@ -104,11 +107,11 @@ pub fn scattered(bench: &Bench<'_>, remainders: &[Remainder], may_wander: bool) 
     let mean = stretches.iter().sum::<f64>() / stretches.len().max(1) as f64;
     let variance = stretches.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / stretches.len().max(1) as f64;
     Scattered {
-        excess_m2: excess / count,
+        excess_m2: (squares - noise) / count,
         jitter_s: slope.max(0.0).sqrt(),
         jitter_sigma_s: 0.5 * slope_sigma / slope.max(slope_sigma).sqrt(),
         jitter_m2: slope.max(0.0) * mean_v2,
-        moving_m2: squares / (count - repeats.0 as f64).max(1.0) - foot,
+        moving_m2: squares / kept - foot.min(NOISE_AT_REST * noise / kept),
         repeated_share: repeats.0 as f64 / count,
         repeated_m2: f64::max(repeats.1, 0.0) / count,
         returning: returning(bench, remainders),
@@ -271,6 +274,32 @@ mod tests {
         assert!((found.jitter_s / JITTER_S - 1.0).abs() < 0.05, "{:e}", found.jitter_s);
         // It accounts for all that moves.
         assert!((found.jitter_m2 / found.moving_m2 - 1.0).abs() < 0.1, "{found:?}");
+    }
+
+    /// What is as large at standstill as while the plant moves is none of the instants' errors, though a line may rise with the velocity as well.
+    #[test]
+    fn what_stays_at_rest_is_nothing_that_jitter_accounts_for() {
+        const JITTER_S: f64 = 5e-6;
+        let (model, rows, dt_s) = (thesis(), 40_000, 5e-5);
+        let speed = |k: usize| 2e-2 * (3e-3 * k as f64).sin();
+        let log = Log { dt_s, command_v: vec![0.0; rows], displacement_m: vec![0.0; rows], ..Log::default() };
+        let mut bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
+        bench.records[0].noise_m = 2e-8;
+        let accounted = |at_rest_m: f64| {
+            let mut random = Pcg64::seed_from_u64(8);
+            let mut draw = || random.sample::<f64, _>(StandardNormal);
+            let residual_m = (0..rows).map(|k| at_rest_m * draw() + JITTER_S * draw() * speed(k)).collect();
+            let left = [Remainder { residual_m, velocity_m_per_s: (0..rows).map(speed).collect() }];
+            let found = scattered(&bench, &left, false);
+            assert!((found.jitter_s / JITTER_S - 1.0).abs() < 0.1, "{:e}", found.jitter_s);
+            found.jitter_m2 / found.moving_m2
+        };
+        // Noise is known to some per cent; as much again is none.
+        let expected = |at_rest_m: f64| 5e-15 / (5e-15 + at_rest_m.powi(2) - 8e-16);
+        assert!((accounted(2e-8) - 1.0).abs() < 0.1 && (accounted(2.5e-8) - 1.0).abs() < 0.1);
+        for at_rest_m in [1e-7, 2e-7] {
+            assert!((accounted(at_rest_m) / expected(at_rest_m) - 1.0).abs() < 0.2, "{at_rest_m:e}");
+        }
     }
 
     /// Where the plant stands, a coarse converter's readings differ by nothing at all.
