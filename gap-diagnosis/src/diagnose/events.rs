@@ -242,8 +242,8 @@ struct Walk {
     /// First row in which a loss counts.
     first: usize,
     noise2: f64,
-    /// Height of each stretch that was found, as a share of what it would be.
-    shares: Vec<f64>,
+    /// What was found.
+    taken: Vec<Stretch>,
     /// Rows whose loss would have shown.
     visible: Vec<Visible>,
     taken_m2: f64,
@@ -255,7 +255,7 @@ struct Walked {
     is_lost: Vec<bool>,
     /// Sums of squares beyond the noise, before and after.
     power_m2: [f64; 2],
-    /// See [`Walk`].
+    /// Height of each stretch that was found, as a share of what it would be.
     shares: Vec<f64>,
     /// See [`Walk`].
     visible: Vec<Visible>,
@@ -270,8 +270,8 @@ struct Stretch {
     rows: usize,
     /// By how much less is left, metres squared; in units of the scatter it is a chi-square.
     gain_m2: f64,
-    /// Height that is seen over the height that it would have.
-    share: f64,
+    /// Square of what it makes, metres squared.
+    square_m2: f64,
 }
 
 impl Walk {
@@ -315,7 +315,7 @@ impl Walk {
             products_m2,
             first: record.run_in.max(instead.rows()),
             noise2: record.noise_m.powi(2),
-            shares: Vec::new(),
+            taken: Vec::new(),
             visible: Vec::new(),
             taken_m2: 0.0,
         }
@@ -331,7 +331,7 @@ impl Walk {
         let before_m2 = self.power_m2();
         let mean = self.given.iter().sum::<f64>() / rows.max(1) as f64;
         for _ in 0..PASSES {
-            let found = self.shares.len();
+            let found = self.taken.len();
             self.visible = Vec::new();
             let scatter_m = TO_SIGMA * median_magnitude(self.left_m.clone());
             let unit2 = self.noise2.max(scatter_m * scatter_m);
@@ -345,15 +345,15 @@ impl Walk {
                 level: (self.given[row] - mean) as f32,
             };
             self.visible = (self.first..rows).filter(|&k| alone(k) > CERTAIN * unit2).map(visible).collect();
-            if self.shares.len() == found {
+            if self.taken.len() == found {
                 break;
             }
         }
         Walked {
             power_m2: [before_m2, self.power_m2()],
+            shares: self.taken.iter().map(|stretch| self.share(stretch)).collect(),
             held: self.held,
             is_lost: self.is_lost,
-            shares: self.shares,
             visible: self.visible,
             taken_m2: self.taken_m2,
         }
@@ -411,7 +411,7 @@ impl Walk {
             square += height * (height * self.products_m2[0] + 2.0 * crossed);
             let gain_m2 = 2.0 * along - square;
             if gain_m2 > CERTAIN * unit2 && best.is_none_or(|best| gain_m2 > best.gain_m2) {
-                best = Some(Stretch { from: k, rows: i + 1, gain_m2, share: along / square });
+                best = Some(Stretch { from: k, rows: i + 1, gain_m2, square_m2: square });
             }
         }
         best
@@ -433,7 +433,15 @@ impl Walk {
             self.is_lost[row] = true;
         }
         self.taken_m2 += stretch.gain_m2;
-        self.shares.push(stretch.share);
+        self.taken.push(stretch);
+    }
+
+    /// Height that is seen of a stretch that was taken, over the height that it would have: what is left now, with all others taken as well, adds to the
+    /// whole of it. When it was taken the echoes of its neighbours were there still.
+    fn share(&self, stretch: &Stretch) -> f64 {
+        let rows = stretch.from..stretch.from + stretch.rows;
+        let along: f64 = rows.map(|row| (self.held[row] - self.given[row]) * self.matched(row)).sum();
+        1.0 + along / stretch.square_m2
     }
 }
 
@@ -530,6 +538,22 @@ mod tests {
         let mut applied = applied.expect("losses");
         assert!((applied.share * 6000.0 / 10.0 - 1.0).abs() < 0.5, "{}", applied.share);
         assert_eq!(applied.logs(std::slice::from_ref(&log))[0].command_v, hold(&log.command_v));
+    }
+
+    /// One command of twelve: each echo has two others in it.
+    #[test]
+    fn commands_whose_echoes_overlap_are_found() {
+        let mut random = Pcg64::seed_from_u64(3);
+        let is_lost: Vec<bool> = (0..6000).map(|k| k > 200 && random.random_range(0.0..1.0) < 0.08).collect();
+        let hold = |command_v: &[f64]| {
+            let mut acting = command_v.to_vec();
+            (1..acting.len()).filter(|&k| is_lost[k]).for_each(|k| acting[k] = acting[k - 1]);
+            acting
+        };
+        let (model, log) = log(hold);
+        let (_, applied) = found(&model, &log);
+        let applied = applied.expect("losses");
+        assert!((applied.share / 0.08 - 1.0).abs() < 0.25, "{}", applied.share);
     }
 
     /// The log of [`log`] with readings as `reading` makes them of the plant's displacement, before the noise.

@@ -4,6 +4,7 @@ use super::bench::{Bench, Record};
 use super::evidence::{Judged, PRIOR_MOST, PRIOR_WEIGHT};
 use super::fits::HOPELESS;
 use super::normal::Sums;
+use super::octaves::left_of_worst;
 use super::records::ROUGH;
 use super::refit::AT_NOISE;
 use super::search::{Candidate, Remainder, Search, middle};
@@ -110,14 +111,14 @@ pub(super) fn left_of_worst_log(search: &Search<'_>, fit: &Candidate, refit: &Ca
     let (before2, after2) = (mean2(refit), mean2(fit));
     let middle2 = middle(&after2);
     let logs = search.bench.records.iter().zip(before2.iter().zip(&after2)).enumerate();
-    let left2 = logs.map(|(index, (record, (before2, after2)))| {
+    // In shares of each log's noise.
+    let shares = logs.map(|(index, (record, (before2, after2)))| {
         let own2 = record.noise_m.powi(2);
         let noise2 = if middle2 < ROUGH * ROUGH * own2 { own2.min(middle2) } else { own2 };
         let scatter2 = scatter_m2.get(index).copied().unwrap_or_default();
-        let (gap2, left2) = (before2 - noise2, (after2 - noise2 - scatter2).max(0.0));
-        if gap2 > GAP_OF_LOG * noise2 && left2 > LEFT_OF_LOG * noise2 { left2 / gap2 } else { 0.0 }
+        [(before2 - noise2).max(0.0) / noise2, (after2 - noise2 - scatter2).max(0.0) / noise2]
     });
-    left2.fold(0.0, f64::max).sqrt()
+    left_of_worst(shares, [GAP_OF_LOG, LEFT_OF_LOG])
 }
 
 /// Power of what scatters in each log, metres squared: noise has the same everywhere, errors of the instants show where the plant moves.

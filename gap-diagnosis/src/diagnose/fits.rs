@@ -370,6 +370,7 @@ impl Fits<'_> {
             self.richer_kin(&mut fits);
         }
         self.kin(&mut fits);
+        self.gap_of_bend(&mut fits);
         let fits = self.rivals(fits, leads);
         let at_noise = |fit: Candidate| self.sparest(self.shared(fit), leads);
         let mut fits: Vec<Candidate> =
@@ -412,16 +413,36 @@ impl Fits<'_> {
         sought.find(|sparer| sparer.chi < AS_WELL * fit.chi)
     }
 
+    /// The fit that leaves least, if it has taken most of the gap, and the numbers of its last effect.
+    fn best_with_numbers(&self, fits: &[Candidate]) -> Option<(Candidate, Vec<f64>)> {
+        let best = fits.first().filter(|best| self.left(best) < HALF)?;
+        Some((best.clone(), self.search.bench.means(&best.hypothesis, &best.found.z).pop()?))
+    }
+
+    /// A joint's gap is a stretch over which readings stay, a sensor's bend one over which they rise less, and no narrower than a bend is: where one is the
+    /// best fit, the gap of its height is fitted from there.
+    fn gap_of_bend(&self, fits: &mut Vec<Candidate>) {
+        let Some((best, values)) = self.best_with_numbers(fits) else { return };
+        let Some(own) = best.hypothesis.installed.last() else { return };
+        let backlash = find("backlash").filter(|backlash| !self.without.contains(&backlash.id()));
+        let gap =
+            backlash.and_then(|backlash| Some((backlash, backlash.forms().iter().find(|form| form.name == "gap")?)));
+        let (Some(gap), "another-slope", &[height_m, at_m, _]) = (gap, own.form.name, &values[..]) else {
+            return;
+        };
+        if height_m < 0.0 {
+            let fit = self.search.instead(&best, own.effect.id(), gap, &[-2.0 * height_m, at_m]);
+            fit.into_iter().for_each(|fit| keep_better(fits, fit));
+            fits.sort_by(|a, b| a.chi.total_cmp(&b.chi));
+        }
+    }
+
     /// A lag may be another one, or of another order: beside numbers that a refit has bent the screening says little of either. Plain lags are fitted
     /// from where the best one ended, as long as that is, but those that leave as little already.
     fn lags_as_long(&self, fits: &mut Vec<Candidate>) {
-        let Some(best) = fits.first().filter(|best| self.left(best) < HALF).cloned() else { return };
+        let Some((best, values)) = self.best_with_numbers(fits) else { return };
+        let Some(own) = best.hypothesis.installed.last() else { return };
         let bench = self.search.bench;
-        let (Some(own), Some(values)) =
-            (best.hypothesis.installed.last(), bench.means(&best.hypothesis, &best.found.z).pop())
-        else {
-            return;
-        };
         let of = |name: &str| own.axes.iter().position(|axis| axis.parameter.name == name).map(|at| values[at]);
         let of_second_order = || Some(2.0 * of("damping_ratio")? / (TAU * of("natural_hz")?));
         let length_s = of("delay_s").or_else(|| of("time_constant_s")).or_else(of_second_order);

@@ -32,8 +32,8 @@ const SCATTERS: f64 = 0.3;
 /// Weight of what octaves show of an effect beside what scatters, and the most that it counts.
 const SHOWN: f64 = 0.03;
 const SHOWN_MOST: f64 = 8.0;
-/// What freeing one of a dozen directions must earn beyond its cost.
-const LOOK_ELSEWHERE: f64 = 6.0;
+/// What freeing one of a dozen directions must earn beyond its cost: ordinary numbers of one plant in four hundred earn as much.
+const LOOK_ELSEWHERE: f64 = 7.0;
 /// The same of what shows below the noise, which lattices and lines do at times, and how likely it is none of the registry's: its form is told roughly.
 const LOOK_BELOW: f64 = 12.0;
 const DOUBT_BELOW: f64 = 0.2;

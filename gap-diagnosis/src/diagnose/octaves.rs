@@ -27,7 +27,7 @@ const WIDEST: f64 = 0.25;
 /// An octave counts by itself if its part of the gap, and what is left of it, are more than these shares of one log's noise.
 const GAP_OF_OCTAVE: f64 = 0.3;
 const LEFT_OF_OCTAVE: f64 = 0.08;
-/// .. and its part of the gap more than this share of the whole one.
+/// .. and its part of the gap more than this share of the whole one, as a log's.
 const PART_OF_GAP: f64 = 1e-3;
 
 /// Power of a log in one octave.
@@ -115,9 +115,16 @@ pub(super) fn left_of_worst_octave(bench: &Bench<'_>, before: &[Octave], after: 
         *gap += share(before.power_m2 - noise_m2);
         *left += share((after.power_m2 - explained_m2).max(0.0));
     }
-    let whole: f64 = sums.values().map(|[gap, _]| gap).sum();
-    let is_told = |[gap, left]: &&[f64; 2]| *gap > GAP_OF_OCTAVE.max(PART_OF_GAP * whole) && *left > LEFT_OF_OCTAVE;
-    sums.values().filter(is_told).map(|[gap, left]| left / gap).fold(0.0, f64::max).sqrt()
+    left_of_worst(sums.into_values(), [GAP_OF_OCTAVE, LEFT_OF_OCTAVE])
+}
+
+/// Fraction that is left of a part of the gap, as amplitude, where that is most. `parts` are power of the gap and what is left of it; those count that have
+/// more than `least` of either, and whose gap is no hair of the whole one: what stays where little was amiss is no sign of another cause.
+pub(super) fn left_of_worst(parts: impl Iterator<Item = [f64; 2]>, least: [f64; 2]) -> f64 {
+    let parts: Vec<[f64; 2]> = parts.collect();
+    let whole: f64 = parts.iter().map(|[gap, _]| gap).sum();
+    let is_told = |[gap, left]: &&[f64; 2]| *gap > least[0].max(PART_OF_GAP * whole) && *left > least[1];
+    parts.iter().filter(is_told).map(|[gap, left]| left / gap).fold(0.0, f64::max).sqrt()
 }
 
 /// Fraction of the power beyond the noise, in all logs and in the log where it is most, that no noise of the kind has which fits all logs' octaves
@@ -311,6 +318,17 @@ mod tests {
         let in_one = |n: u64, k: usize| loud(n) * noisy(n, k);
         let (told, untold) = (left(&in_one, 12.0 * NOISE_M * NOISE_M), left(&in_one, 0.0));
         assert!(untold > 1.0 && told < 0.5 * untold && everywhere == 0.0, "{told} {untold} {everywhere}");
+    }
+
+    /// A log or octave in which a thousandth of the gap showed says nothing against what closes the rest.
+    #[test]
+    fn what_is_left_where_next_to_nothing_was_amiss_does_not_count() {
+        let of = |small: f64| left_of_worst([[400.0, 0.1], [1000.0, 2.0], [small, 5.0]].into_iter(), [0.25, 0.08]);
+        let (little, enough) = (of(1.3), of(1.5));
+        assert!((little - 0.002_f64.sqrt()).abs() < 1e-12, "{little}");
+        assert!((enough - (5.0 / 1.5_f64).sqrt()).abs() < 1e-12, "{enough}");
+        // Nor does what is less than the noise tells.
+        assert_eq!(left_of_worst([[0.2, 0.2], [1.0, 0.05]].into_iter(), [0.25, 0.08]), 0.0);
     }
 
     /// A slow sine far below errors of the instants, which are there in one half only.

@@ -24,6 +24,7 @@ const ABOUT: About = About {
         "asymmetric_stiffness",
         "asymmetric_hysteresis",
         "amplifier_saturation",
+        "backlash",
     ],
     experiment: "slow and fast sines of the same displacement: the curve stays, a spring's changes near the resonance \
                  and a clip goes with the command",
