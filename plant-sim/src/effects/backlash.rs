@@ -20,7 +20,7 @@ const ABOUT: About = About {
     installs: "a play between structure and sensor",
     signature: "flat spots of constant width after each reversal, at every amplitude and rate; the structure's \
                 dynamics are untouched",
-    rivals: &["coulomb_friction", "extra_hysteron"],
+    rivals: &["coulomb_friction", "extra_hysteron", "sensor_nonlinearity"],
     experiment: "nested loops down to the smallest: play swallows motion below its width entirely, a hysteron only in \
                  part",
     spec: "minor-loops:60V@1Hz+minor-loops:6V@1Hz",
