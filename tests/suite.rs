@@ -2,7 +2,6 @@
 //! all files after it.
 
 mod bad_input;
-mod benchmark_logs;
 mod closed_loop;
 mod compare;
 mod demo;

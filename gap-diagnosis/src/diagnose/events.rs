@@ -246,7 +246,6 @@ struct Walk {
     taken: Vec<Stretch>,
     /// Rows whose loss would have shown.
     visible: Vec<Visible>,
-    taken_m2: f64,
 }
 
 /// What a search of one log found.
@@ -259,7 +258,7 @@ struct Walked {
     shares: Vec<f64>,
     /// See [`Walk`].
     visible: Vec<Visible>,
-    /// See [`Walk`].
+    /// Sum of what the stretches gain, metres squared.
     taken_m2: f64,
 }
 
@@ -317,7 +316,6 @@ impl Walk {
             noise2: record.noise_m.powi(2),
             taken: Vec::new(),
             visible: Vec::new(),
-            taken_m2: 0.0,
         }
     }
 
@@ -355,7 +353,7 @@ impl Walk {
             held: self.held,
             is_lost: self.is_lost,
             visible: self.visible,
-            taken_m2: self.taken_m2,
+            taken_m2: self.taken.iter().map(|stretch| stretch.gain_m2).sum(),
         }
     }
 
@@ -432,7 +430,6 @@ impl Walk {
             self.held[row] = shown;
             self.is_lost[row] = true;
         }
-        self.taken_m2 += stretch.gain_m2;
         self.taken.push(stretch);
     }
 

@@ -419,8 +419,8 @@ impl Fits<'_> {
         Some((best.clone(), self.search.bench.means(&best.hypothesis, &best.found.z).pop()?))
     }
 
-    /// A joint's gap is a stretch over which readings stay, a sensor's bend one over which they rise less, and no narrower than a bend is: where one is the
-    /// best fit, the gap of its height is fitted from there.
+    /// Over a joint's gap readings stay, over a sensor's bend they rise less, and a bend has a least width, so that it takes a narrow gap for one: where a bend is
+    /// the best fit, the gap of its height is fitted from there.
     fn gap_of_bend(&self, fits: &mut Vec<Candidate>) {
         let Some((best, values)) = self.best_with_numbers(fits) else { return };
         let Some(own) = best.hypothesis.installed.last() else { return };
