@@ -43,6 +43,9 @@ pub enum Family {
 
 /// Relative error of one step of the general exponent; errors of many steps decay with the law's own memory.
 const TOLERANCE: f64 = 1e-13;
+/// Trial steps after which each is taken as it is, and after which what is left is given up: a law that saturates has long done so.
+const PATIENCE: usize = 10_000;
+const MOST_TRIED: usize = 20_000;
 /// A hardening law runs away at a finite distance; beyond this multiple of A it is held, so that nothing overflows.
 const RUNAWAY: f64 = 1e12;
 
@@ -129,7 +132,15 @@ impl BoucWen {
             let allowed =
                 TOLERANCE * y.abs().max(end.abs()).max(self.amplitude.abs() * by * 1e-3).max(f64::MIN_POSITIVE);
             turns += 1;
-            if !(error <= allowed || turns > 10_000) || !end.is_finite() {
+            if turns > MOST_TRIED {
+                break;
+            }
+            if !(end.is_finite() && error.is_finite()) {
+                // What overflows says nothing of by how much it is too long.
+                step *= 0.1;
+                continue;
+            }
+            if error > allowed && turns <= PATIENCE {
                 step *= (0.9 * (allowed / error).powf(0.2)).clamp(0.1, 0.9);
                 continue;
             }
@@ -228,6 +239,22 @@ mod tests {
             let halves = law.after(law.after(-0.2, 33.0), 47.0);
             assert!((whole - halves).abs() < 1e-11, "{exponent}: {whole} {halves}");
         }
+    }
+
+    /// The powers of a first trial over the whole way overflow: it was tried again and again, and the test would not end.
+    #[test]
+    fn a_long_way_of_a_steep_law_ends() {
+        let law = BoucWen { amplitude: 1.0, beta: 0.03, gamma: 0.07, exponent: 3.0 };
+        let saturated = law.saturation().expect("it softens");
+        for (from, to) in [(0.0, saturated), (-saturated, saturated), (0.5, saturated)] {
+            // 90 V are more than a hundred lengths of the law's end: what is left of the way there is below rounding.
+            let end = law.after(from, 90.0);
+            assert!((end - to).abs() < 1e-10, "{from}: {end} {to}");
+        }
+        // A law that hardens runs away, and is held.
+        let hardening = BoucWen { beta: 0.15, gamma: -0.5, ..law };
+        let end = hardening.after(0.0, 90.0);
+        assert!(end > 1e6 && end.is_finite(), "{end}");
     }
 
     #[test]

@@ -251,7 +251,7 @@ pub enum MarginError {
         /// As given.
         ki_v_per_m_s: f64,
     },
-    /// A coefficient of the plant is not positive and finite.
+    /// A coefficient of the plant is not positive (a damping or a slope: negative) or not finite.
     #[error("{name} must be positive, not {value}")]
     BadCoefficient {
         /// Its field.
@@ -259,8 +259,8 @@ pub enum MarginError {
         /// As given.
         value: f64,
     },
-    /// More hysterons than have a sensible number of regions.
-    #[error("{n_hysterons} hysterons; at most {limit} can be assessed region by region")]
+    /// More hysterons that open and shut than have a sensible number of regions.
+    #[error("{n_hysterons} hysterons with a dead zone; at most {limit} can be assessed region by region")]
     TooManyHysterons {
         /// As given.
         n_hysterons: usize,

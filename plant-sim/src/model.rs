@@ -502,6 +502,13 @@ impl Model {
             if !numbers.iter().chain(&start.hysteron_v).all(|n| n.is_finite()) {
                 return Err("initial_state holds a number that is not finite".to_owned());
             }
+            if !self.kind.has_structure() && [start.displacement_um, start.velocity_um_per_s] != [0.0; 2] {
+                return Err(format!(
+                    "initial_state.displacement_um and velocity_um_per_s have no meaning in a model of kind {}, which begins at rest under drive_V: \
+                     set them to zero",
+                    self.kind.name()
+                ));
+            }
         }
         Ok(())
     }

@@ -18,8 +18,8 @@
 //! | minor-loops | `minor-loops:60V@1Hz` | sines of falling amplitude, each nested in the last: full, 3/4, 1/2, 1/4 |
 //! | file | `file:ref.csv` | one number per sample, in the amplitude's unit: um unless `unit=V` |
 //!
-//! `for=2s` limits a part, unless its shape goes with its length: a sweep's and a decaying sine's stands behind `/`, a ladder's follows from its
-//! levels. Every part but the last needs a length.
+//! `for=2s` is the length of a part that states none behind `@` or `/`; a sweep's stands behind `/`, and a ladder's follows from its levels. Of minor
+//! loops the last goes on until the end. Every part but the last needs a length.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -65,11 +65,13 @@ impl Part {
         let Shape::MinorLoops { hz } = self.shape else { return vec![self.clone()] };
         let mut left_s = self.seconds.unwrap_or(f64::INFINITY);
         let mut sines = Vec::new();
-        for scale in MINOR_LOOP_SCALES {
-            let seconds = left_s.min(2.0 / hz);
+        for (index, scale) in MINOR_LOOP_SCALES.into_iter().enumerate() {
+            let is_last = index + 1 == MINOR_LOOP_SCALES.len();
+            let seconds = if is_last { left_s } else { left_s.min(2.0 / hz) };
             if seconds > 0.0 {
                 let amplitude = scale * self.amplitude;
-                sines.push(Part { shape: Shape::Sine { hz }, amplitude, seconds: Some(seconds), ..self.clone() });
+                let seconds = Some(seconds).filter(|seconds| seconds.is_finite());
+                sines.push(Part { shape: Shape::Sine { hz }, amplitude, seconds, ..self.clone() });
             }
             left_s -= seconds;
         }
@@ -257,6 +259,7 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         ) => Some(seconds),
         _ => None,
     };
+    let stated_s = seconds;
     let shape = match kind {
         "zero" => Shape::Zero,
         "hold" => Shape::Hold,
@@ -269,7 +272,6 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             if seconds.is_none() && !options.has("for") {
                 return Err("a decaying-sine needs its duration, as in `decaying-sine:60V@8Hz/2s`".into());
             }
-            one_length(kind, seconds, &options)?;
             Shape::DecayingSine { hz }
         }
         "minor-loops" => {
@@ -282,7 +284,6 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
             if seconds.is_none() {
                 return Err("a sweep needs its duration, as in `sweep:20V@1-2000Hz/4s`".into());
             }
-            one_length(kind, seconds, &options)?;
             Shape::Sweep { hz, log: options.flag("log")? }
         }
         "ladder" => {
@@ -316,6 +317,10 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
     if count.is_some() && !matches!(shape, Shape::Ladder { .. }) {
         return Err("only a ladder has a count after `/`".into());
     }
+    if stated_s.is_some() && options.has("for") {
+        let sign = if matches!(when, Some(When::Time { .. })) { '@' } else { '/' };
+        return Err(format!("a {kind} takes the time behind `{sign}`: change that, and leave `for` out"));
+    }
     let seconds = options.seconds("for")?.or(seconds);
     let shaped = options.flag("shaped")?;
     options.finish()?;
@@ -326,14 +331,6 @@ fn parse_part(text: &str) -> Result<(Part, Option<Unit>), String> {
         (None, _) => return Err(format!("a {kind} needs an amplitude, as in `{kind}:20um`")),
     };
     Ok((Part { shape, amplitude, seconds, shaped }, unit))
-}
-
-/// Another length would be another course, and not a part of it.
-fn one_length(kind: &str, seconds: Option<f64>, options: &Options) -> Result<(), String> {
-    if seconds.is_some() && options.has("for") {
-        return Err(format!("a {kind} takes the time behind `/`: change that, and leave `for` out"));
-    }
-    Ok(())
 }
 
 fn parse_file(rest: &str) -> Result<(Part, Option<Unit>), String> {

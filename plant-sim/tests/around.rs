@@ -3,10 +3,12 @@
 use crate::margins::thesis_plant;
 use nalgebra::{DMatrix, DVector};
 use plant_sim::chain::{Arm, Chain, Drive, Joint, Lag, Late, Mode, Parts, Relaxation, Sensor};
+use plant_sim::effects::find_form;
 use plant_sim::linear::TransferFunction;
 use plant_sim::log::{Hold, Log};
 use plant_sim::margins::{LinearRegion, Loop, assess, margins};
 use plant_sim::model::Model;
+use plant_sim::phs::Hysteron;
 use plant_sim::replay::{Start, predict};
 use std::f64::consts::TAU;
 
@@ -159,4 +161,89 @@ fn feedthrough_closes_a_loop_of_its_own() {
         assess(&regions, &law).expect("a loop").regions[0].spectral_radius
     };
     assert!(at(0.999 * gain) < 1.0 && at(1.001 * gain) > 1.0, "{gain}");
+}
+
+/// The thesis' plant with an effect of the registry.
+fn with_effect(id: &str, form: &str, values: &[f64]) -> Chain {
+    let (_, form) = find_form(id, form).expect("of the registry");
+    let mut chain = thesis();
+    (form.install)(&mut chain, values);
+    chain
+}
+
+#[test]
+fn a_hysteresis_of_the_voltage_leaves_the_hysterons_their_regions() {
+    let bare = assess(&thesis().linear_regions().expect("regions"), &PI_1).expect("a loop");
+    for share in [0.05, -0.05] {
+        let both =
+            with_effect("extra_hysteron", "plays-of-the-voltage", &[share, 60.0]).linear_regions().expect("regions");
+        let labels: Vec<&str> = both.iter().map(|region| region.label.as_str()).collect();
+        assert_eq!(labels.len(), 8, "{labels:?}");
+        assert_eq!(labels[0], "hysteresis, least slope, hysterons 1, 2 active");
+        assert_eq!(labels[7], "hysteresis, greatest slope, no hysteron active");
+        // Before any play moves, and where all of them are taken along, the drive acts as it does alone, or more weakly, or more strongly.
+        let found = assess(&both, &PI_1).expect("a loop");
+        assert!(found.gain_margin_db.value <= bare.gain_margin_db.value + 1e-9, "{share}: {found}");
+    }
+}
+
+#[test]
+fn the_largest_gain_of_a_drive_counts() {
+    let of = |chain: &Chain| chain.linear_regions().expect("regions")[0].b[1];
+    let plain = of(&thesis());
+    let mut growing = with_effect("amplifier_gain", "growing", &[1e-3]);
+    growing.drive.range_v = [-80.0, 90.0];
+    let cases = [
+        ("about zero", with_effect("amplifier_gain", "about-zero", &[0.3, 10.0]), 1.3),
+        ("but about zero", with_effect("amplifier_gain", "about-zero", &[-0.3, 10.0]), 1.0),
+        ("by polarity", with_effect("amplifier_gain", "by-polarity", &[-0.1]), 1.1),
+        ("growing to 90 V", growing, 1.18),
+        ("curved, to 60 V where nothing limits it", with_effect("asymmetric_hysteresis", "drive", &[-1e-3]), 1.12),
+        ("one-sided", with_effect("asymmetric_hysteresis", "drive-one-sided", &[0.2, 59.9]), 1.2),
+    ];
+    for (name, chain, gain) in cases {
+        let found = of(&chain) / plain;
+        assert!((found - gain).abs() < 1e-6, "{name}: {found}");
+    }
+    let margin_db =
+        |chain: &Chain| assess(&chain.linear_regions().expect("regions"), &PI_1).expect("a loop").gain_margin_db;
+    let steeper = with_effect("amplifier_gain", "about-zero", &[0.3, 10.0]);
+    let lost_db = margin_db(&thesis()).value - margin_db(&steeper).value;
+    assert!((lost_db - 20.0 * 1.3f64.log10()).abs() < 1e-6, "{lost_db}");
+}
+
+#[test]
+fn a_plant_that_loses_samples_is_not_bare() {
+    assert!(thesis().is_bare());
+    let with = |id: &str, form: &str, value: f64| with_effect(id, form, &[value]);
+    for (id, form) in [("lost_samples", "repeated"), ("lost_samples", "held-command"), ("sampling_jitter", "white")] {
+        assert!(!with(id, form, 1e-6).is_bare(), "{id}, {form}");
+        assert!(with(id, form, 0.0).is_bare(), "{id}, {form}");
+    }
+}
+
+#[test]
+fn only_what_opens_and_shuts_doubles_the_regions() {
+    let mut plant = thesis_plant();
+    let element = |slope_s: f64, dead_zone_v: f64| Hysteron { capacitance_f: 6e-6, slope_s, dead_zone_v };
+    plant.hysterons.push(element(1e-6, 0.0));
+    let labels = |regions: &[LinearRegion]| regions.iter().map(|region| region.label.clone()).collect::<Vec<_>>();
+    let creeping = plant.linear_regions().expect("regions");
+    // Creep is always active.
+    let expected = ["hysterons 1, 2, 3 active", "hysterons 2, 3 active", "hysterons 1, 3 active", "hysteron 3 active"];
+    assert_eq!(labels(&creeping), expected);
+    // What never leaks is a spring, and no error.
+    plant.hysterons.push(element(0.0, 10.0));
+    let sprung = plant.linear_regions().expect("regions");
+    assert_eq!(labels(&sprung), expected);
+    let stiffness = |region: &LinearRegion| -region.a[(1, 0)] * plant.mass_kg;
+    let spring = plant.transduction_c_per_m.powi(2) / 6e-6;
+    for (with, without) in sprung.iter().zip(&creeping) {
+        assert_eq!(with.a.nrows(), without.a.nrows());
+        // A difference of tens of kN/m: a few roundings of these.
+        assert!((stiffness(with) - stiffness(without) - spring).abs() < 1e-9 * spring, "{}", with.label);
+    }
+    // A spectrum of creep is no reason to refuse a plant.
+    plant.hysterons.extend([element(1e-6, 0.0); 14]);
+    assert_eq!(plant.linear_regions().expect("regions").len(), 4);
 }

@@ -1,8 +1,9 @@
 //! Design from a wish, its check, and what the inverse feedforward gains in tracking.
 
+use control_core::Settings;
 use plant_sim::chain::{Chain, Lag};
 use plant_sim::controller::{Controller, InverseSection};
-use plant_sim::design::{Design, DesignError, Frame, LowestRate, Wish, check, design, tracking};
+use plant_sim::design::{Design, DesignError, Frame, LowestRate, Peak, Wish, check, design, tracking};
 use plant_sim::margins::Verdict;
 use plant_sim::model::Model;
 use std::path::Path;
@@ -72,6 +73,39 @@ fn the_check_finds_the_edges() {
     let worst = &found.peaks[0];
     assert!(worst.peak_m > 100e-6 && worst.peak_m < 130e-6, "{worst:?}");
     assert!(found.peaks.windows(2).all(|pair| pair[0].peak_m >= pair[1].peak_m));
+}
+
+#[test]
+fn scenarios_last_as_long_as_the_loop_takes() {
+    let (model, controller) = (model(), controller("pi2.toml"));
+    let chain = model.chain();
+    let peaks = |rate_hz: f64, reference_rate_m_per_s: f32| {
+        let plain = frame(&chain, &controller, rate_hz);
+        let settings = Settings { reference_rate_m_per_s, ..plain.settings };
+        check(&Frame { settings, ..plain }, &model).expect("checked").peaks
+    };
+    let step = |peaks: &[Peak]| {
+        let of = |peak: &&Peak| peak.plant == "nominal" && peak.scenario.starts_with("step to 100 um");
+        peaks.iter().find(of).cloned().expect("a step")
+    };
+    // 100 um take 0.2 s; in the first 0.06 s it would have come to 30 um.
+    let slow = step(&peaks(5e3, 5e-4));
+    assert!(slow.peak_m > 99e-6 && slow.scenario == "step to 100 um", "{slow:?}");
+    // 20 s and more, of which 10 s are run.
+    let slower = step(&peaks(1e3, 5e-6));
+    assert!(slower.peak_m > 45e-6 && slower.peak_m < 55e-6, "{slower:?}");
+    assert_eq!(slower.scenario, "step to 100 um, the first 10 s of 20 s");
+}
+
+#[test]
+fn a_slow_loop_is_asked_what_it_can_sample() {
+    let (model, controller) = (model(), controller("pi2.toml"));
+    let chain = model.chain();
+    let slow = frame(&chain, &controller, 250.0);
+    let found = check(&slow, &model).expect("checked");
+    assert!(!found.peaks.is_empty() && found.peaks.iter().all(|peak| !peak.scenario.contains("150 Hz")), "{found:?}");
+    let errors = tracking(&slow).expect("run");
+    assert!(errors[..4].iter().all(|error| error.is_finite()) && errors[4].is_nan(), "{errors:?}");
 }
 
 #[test]

@@ -2,9 +2,11 @@
 
 use plant_sim::chain::{Chain, Held, Simulator};
 use plant_sim::effects::{self, Effect, Form, Kind, Parameter, REGISTRY, Role, Scales, sane};
+use plant_sim::log::Log;
 use plant_sim::model::{InitialStateSection, Model};
 use plant_sim::param::Param;
 use plant_sim::phs::Phs;
+use plant_sim::replay::{Start, predict};
 use plant_sim::spec::Spec;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -255,6 +257,37 @@ fn at_typical_size_every_form_changes_the_chain_and_none_undoes_another() {
             assert!(readings.into_iter().all(f64::is_finite), "{} on {}", effect.id(), other.id());
         }
     }
+}
+
+/// A spring that bends, a stop or a magnet moves the place of rest; a start in equilibrium is there, and friction that holds nothing changes nothing.
+#[test]
+fn a_start_at_rest_rests_whatever_pushes_on_the_structure() {
+    let nominal = thesis().chain();
+    let scales = Scales { plant: &nominal.plant, ..sane::EXAMPLE };
+    let mut moved = BTreeSet::new();
+    for (effect, form) in forms() {
+        let chain = with(&nominal, form, &form.typical(&scales));
+        if chain.parts.forces.is_empty() {
+            continue;
+        }
+        for drive_v in [-55.0, 20.0, 55.0] {
+            let log =
+                Log { dt_s: 5e-5, command_v: vec![drive_v; 400], displacement_m: vec![0.0; 400], ..Log::default() };
+            let start = Start::at_rest(&chain, drive_v, vec![0.0; chain.plant.hysterons.len()]);
+            let [low, high] = predict(&chain, &log, &start, 400)
+                .into_iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)]);
+            // The place is found to a part in 1e10; a contact is followed in steps.
+            assert!(high - low < 0.1e-9, "{} {} at {drive_v} V: {:e} m", effect.id(), form.name, high - low);
+            let straight_m = chain.plant.equilibrium_m(chain.drive.output_v(drive_v), 0.0, &[]);
+            if (start.state.displacement_m - straight_m).abs() > 1e-9 {
+                moved.insert(effect.id());
+            }
+        }
+    }
+    let bent = ["nonlinear_stiffness", "asymmetric_stiffness", "end_stop"];
+    assert!(bent.iter().all(|id| moved.contains(id)), "{moved:?}");
+    assert!(!moved.contains("coulomb_friction"));
 }
 
 #[test]

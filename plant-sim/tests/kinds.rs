@@ -315,6 +315,13 @@ fn every_kind_survives_its_file_and_says_what_is_wrong() {
             ),
             "faster than can be stepped",
         ),
+        (
+            format!(
+                "{tf_text}[transfer_function]\nnumerator_m_per_V = {{ value = [1.0] }}\ndenominator = {{ value = [1.0, 1e3] }}\n\
+                 [initial_state]\ndisplacement_um = 5.0\nvelocity_um_per_s = 0.0\nhysteron_V = []\ndrive_V = 3.0\n"
+            ),
+            "have no meaning in a model of kind transfer-function, which begins at rest under drive_V: set them to zero",
+        ),
     ];
     for (text, expected) in cases {
         std::fs::write(&path, &text).expect("written");

@@ -425,6 +425,13 @@ fn a_mistake_of_units_is_warned_of() {
     assert!(first(&log(20e-6, 90e3)).contains("is the file in mV?"));
     assert!(first(&log(20e-6, 0.0)).contains("nothing is excited"));
     assert!(first(&log(0.0, 90.0)).contains("is the sensor connected"));
+    // The first rows of a longer log say nothing of all.
+    let mut late = log(20e-6, 0.0);
+    late.meta.latency_s = 5.0;
+    assert!(first(&late).contains("nothing is excited") && log::warnings(&late).len() == 2);
+    assert_eq!(log::warnings_of_head(&late), Vec::<String>::new());
+    assert_eq!(log::warnings_of_head(&log(0.0, 90.0)), Vec::<String>::new());
+    assert_eq!(log::warnings_of_head(&log(20.0, 90.0)).len(), 1);
     let mut clipped = log(20e-6, 90.0);
     for value in &mut clipped.displacement_m {
         *value = value.min(12e-6);

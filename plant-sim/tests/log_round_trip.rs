@@ -277,6 +277,69 @@ fn units_come_from_the_name_and_the_option_goes_before_it() {
     assert_eq!(read("y_nm", Some(-2.5e-6)), -5e-6);
 }
 
+/// A log whose column for `key` is called `name`: 20 rows of k, k, 2, 3 and 4.
+fn with_name(key: &str, name: &str) -> Result<Log, LogError> {
+    let usual = [("time", "t"), ("command", "u"), ("displacement", "y"), ("force", "f"), ("current", "i")];
+    let named = usual.map(|(of, usual)| (of, if of == key { name } else { usual }));
+    let mut options = ReadOptions::default();
+    for (of, name) in named {
+        options.columns.insert(of.into(), name.into());
+    }
+    let header = named.map(|(_, name)| name).join(",");
+    let text = (0..20).fold(format!("{header}\n"), |text, k| text + &format!("{k},{k},2,3,4\n"));
+    RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options)?.into_log()
+}
+
+#[test]
+fn a_unit_of_another_quantity_or_of_no_sure_size_is_refused() {
+    let refused: [(&str, &[&str]); 5] = [
+        ("command", &["target_um", "x_mm", "coil_A", "u [mA]", "load_N", "U_MV", "TARGET_UM", "u_COUNTS"]),
+        ("displacement", &["coil_A", "Y_NM", "POS_MM", "Y_M", "Y_MV", "POS_CM"]),
+        ("force", &["load_V", "load_mV", "F_KN", "f_um"]),
+        ("current", &["i_V", "I_MA"]),
+        ("time", &["n_samples", "t_ticks", "T_MS", "T_MIN", "x_um"]),
+    ];
+    for (key, names) in refused {
+        for name in names {
+            let error = with_name(key, name).expect_err(name);
+            let said = error.to_string();
+            assert!(error.is_wrong_call() && said.contains("is no unit of this that is known by its name"), "{said}");
+            assert!(said.contains(&format!("--columns {key}={name}: ")), "{said}");
+        }
+    }
+    // No unit, or the contract's own.
+    for name in ["u_v", "u_a", "u_ma", "u_pressure", "U_V"] {
+        assert_eq!(with_name("command", name).expect(name).command_v[3], 3.0, "{name}");
+    }
+    for name in ["Y_UM", "y_alarm", "y_v", "y \u{3bc}m", "y_\u{b5}m", "y_\u{3bc}m"] {
+        assert_eq!(with_name("displacement", name).expect(name).displacement_m[3], 2e-6, "{name}");
+    }
+    assert_eq!(with_name("force", "F_n").expect("newtons").force_n.expect("there")[3], 3.0);
+    assert_eq!(with_name("current", "i_mA").expect("milliamperes").current_a.expect("there")[3], 4e-3);
+    for (name, dt_s) in [("t_sec", 1.0), ("t_msec", 1e-3), ("t [usec]", 1e-6), ("t_nsec", 1e-9), ("t_ms", 1e-3)] {
+        let log = with_name("time", name).expect(name);
+        assert!((log.dt_s / dt_s - 1.0).abs() < 1e-12, "{name}: {}", log.dt_s);
+    }
+}
+
+/// An amplifier's monitor that is taken for the command is not its own measurement as well.
+#[test]
+fn a_column_that_stands_for_another_is_not_also_itself() {
+    let scratch = Scratch::new("taken");
+    let log = full_log(40, 1000.0);
+    for name in ["a.csv", "a.npy", "a.mat"] {
+        let path = scratch.file(name);
+        log::write(&path, &log).expect("written");
+        let mut options = ReadOptions::default();
+        options.columns.insert("command".into(), "drive_V".into());
+        let back = log::read(&path, &options).expect("read");
+        assert_eq!((Some(&back.command_v), &back.drive_v), (log.drive_v.as_ref(), &None), "{name}");
+        assert_eq!(back.others, ["command_V"], "{name}");
+        options.columns.insert("drive".into(), "drive_V".into());
+        assert_eq!(log::read(&path, &options).expect("read").drive_v, log.drive_v, "{name}");
+    }
+}
+
 #[test]
 fn a_stated_rate_is_taken_where_the_times_agree_with_it() {
     let read = |rate_hz: f64, step_s: f64| {
@@ -292,6 +355,13 @@ fn a_stated_rate_is_taken_where_the_times_agree_with_it() {
     let off = read(3e4, 1.0 / 2e4);
     assert!((off.dt_s - 5e-5).abs() < 1e-18);
     assert!(log::warnings(&off)[0].starts_with("x: rate_hz says 30000 Hz, the times say 20000"));
+    // A rate that is given goes before both.
+    let text =
+        (0..20).fold("# rate_hz: 1000\ncommand_V,displacement_um\n".to_owned(), |text, k| text + &format!("{k},{k}\n"));
+    let options = ReadOptions { rate_hz: Some(2e4), ..ReadOptions::default() };
+    let log = RowReader::from_csv(Path::new("x"), std::io::Cursor::new(text), &options).and_then(RowReader::into_log);
+    let log = log.expect("read");
+    assert_eq!((log.dt_s, log.meta.rate_hz, log::warnings(&log)), (5e-5, Some(2e4), Vec::new()));
 }
 
 #[test]
@@ -320,6 +390,112 @@ fn a_controldesk_capture_is_read() {
             "{message}"
         );
     }
+}
+
+/// An element of MAT v5: its type, its length, its data padded to eight bytes.
+fn mat_element(kind: u32, data: &[u8]) -> Vec<u8> {
+    let mut bytes = [kind.to_le_bytes(), (data.len() as u32).to_le_bytes()].concat();
+    bytes.extend_from_slice(data);
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    bytes
+}
+
+/// An array of MAT v5: its class, dimensions and name, and the elements of what it holds.
+fn mat_array(class: u8, dims: [i32; 2], name: &str, content: Vec<u8>) -> Vec<u8> {
+    let flags = mat_element(6, &[class, 0, 0, 0, 0, 0, 0, 0]);
+    let dims = mat_element(5, &dims.map(i32::to_le_bytes).concat());
+    let name = mat_element(1, name.as_bytes());
+    mat_element(14, &[flags, dims, name, content].concat())
+}
+
+fn mat_real(numbers: &[f64]) -> Vec<u8> {
+    let data: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+    mat_array(6, [numbers.len() as i32, 1], "", mat_element(9, &data))
+}
+
+fn mat_text(text: &str) -> Vec<u8> {
+    mat_array(4, [1, text.len() as i32], "", mat_element(16, text.as_bytes()))
+}
+
+/// Structures in a row: of each one the arrays in its fields.
+fn mat_structure(name: &str, fields: &[&str], elements: Vec<Vec<Vec<u8>>>) -> Vec<u8> {
+    let mut names = Vec::new();
+    for field in fields {
+        let end = names.len() + 32;
+        names.extend_from_slice(field.as_bytes());
+        names.resize(end, 0);
+    }
+    let n = elements.len() as i32;
+    let values = elements.concat().concat();
+    let content = [mat_element(5, &32i32.to_le_bytes()), mat_element(1, &names), values].concat();
+    mat_array(2, [1, n], name, content)
+}
+
+/// A capture without a time axis, 40 samples of 50 us each, of signals by name, path and unit; each counts its samples.
+fn capture(signals: &[[&str; 3]], downsampling: Option<f64>) -> Vec<u8> {
+    let ramp: Vec<f64> = (0..40).map(f64::from).collect();
+    let signal =
+        |of: &[&str; 3]| vec![mat_text(of[0]), mat_text(of[1]), mat_text(of[2]), mat_real(&ramp), mat_real(&[1.0])];
+    let y = mat_structure("", &["Name", "Path", "Unit", "Data", "XIndex"], signals.iter().map(signal).collect());
+    let x = mat_structure("", &["Data", "Raster"], vec![vec![mat_real(&[]), mat_text("HostService")]]);
+    let mut facts = vec![mat_real(&[5e-5])];
+    facts.extend(downsampling.map(|n| mat_real(&[n])));
+    let names = ["SamplingPeriod", "Downsampling"];
+    let facts = mat_structure("", &names[..facts.len()], vec![facts]);
+    let mut bytes = vec![b' '; 124];
+    bytes[..19].copy_from_slice(b"MATLAB 5.0 MAT-file");
+    bytes.extend([0, 1, b'I', b'M']);
+    bytes.extend(mat_structure("cap", &["X", "Y", "Capture"], vec![vec![x, y, facts]]));
+    bytes
+}
+
+fn read_capture(bytes: &[u8], columns: [(&str, &str); 2], scale: Option<f64>) -> Result<Log, LogError> {
+    let mut options = ReadOptions::default();
+    for (key, name) in columns {
+        options.columns.insert(key.into(), name.into());
+    }
+    options.scale.extend(scale.map(|scale| ("displacement".to_owned(), scale)));
+    RowReader::from_mat(Path::new("a.mat"), bytes, &options)?.into_log()
+}
+
+#[test]
+fn a_capture_that_keeps_every_so_many_samples_is_that_much_slower() {
+    let columns = [("command", "u"), ("displacement", "y")];
+    let read = |downsampling: Option<f64>| {
+        read_capture(&capture(&[["u", "Root", ""], ["y", "Root", ""]], downsampling), columns, None)
+    };
+    for (downsampling, dt_s) in [(None, 5e-5), (Some(1.0), 5e-5), (Some(4.0), 2e-4)] {
+        let log = read(downsampling).expect("read");
+        assert!((log.dt_s / dt_s - 1.0).abs() < 1e-12 && log.len() == 40, "{downsampling:?}: {}", log.dt_s);
+    }
+    let said = read(Some(0.0)).expect_err("no interval").to_string();
+    assert!(said.contains("(time)") && said.contains("give --rate HZ"), "{said}");
+}
+
+#[test]
+fn the_unit_that_a_capture_states_counts_where_the_name_has_none() {
+    let columns = [("command", "u"), ("displacement", "Root/Sensor/y")];
+    let read = |units: [&str; 2], scale: Option<f64>| {
+        let bytes = capture(&[["u", "Root/Drive", units[0]], ["y", "Root/Sensor", units[1]]], None);
+        read_capture(&bytes, columns, scale).map(|log| (log.command_v[3], log.displacement_m[3]))
+    };
+    assert_eq!(read(["mV", "nm"], None).expect("read"), (3e-3, 3e-9));
+    assert_eq!(read(["", "-"], None).expect("read"), (3.0, 3e-6));
+    assert_eq!(read(["mV", "nm"], Some(1e-3)).expect("read"), (3e-3, 3e-3));
+    let said = read(["V", "V"], None).expect_err("a sensor's volts").to_string();
+    assert!(said.contains("displacement=Root/Sensor/y: V is no unit of this"), "{said}");
+    // The name goes before it.
+    let bytes = capture(&[["u_V", "Root", "mV"], ["y_um", "Root", "nm"]], None);
+    let log = read_capture(&bytes, [("command", "u_V"), ("displacement", "y_um")], None).expect("read");
+    assert_eq!((log.command_v[3], log.displacement_m[3]), (3.0, 3e-6));
+}
+
+#[test]
+fn a_signal_that_stands_for_another_is_not_also_itself() {
+    let bytes = capture(&[["drive_V", "Root/Amplifier", ""], ["y_um", "Root/Sensor", ""]], None);
+    let columns = [("command", "Root/Amplifier/drive_V"), ("displacement", "y_um")];
+    let log = read_capture(&bytes, columns, None).expect("read");
+    assert_eq!((log.command_v[3], log.drive_v), (3.0, None));
 }
 
 #[test]

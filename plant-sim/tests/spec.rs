@@ -154,13 +154,34 @@ fn a_length_is_that_of_the_samples_played() {
     assert_eq!((samples[299], samples[300], samples[596], samples[597]), (60.0, samples[294], samples[594], 0.0));
 }
 
+/// Two periods of each loop are 20 ms: the last one takes what is left, so that what follows comes when it should.
+#[test]
+fn the_last_of_minor_loops_goes_on_until_their_end() {
+    let spec = "minor-loops:40V@100Hz,for=0.2s+hold:3V,for=1ms";
+    assert_eq!(program(spec).samples(), Some(2010));
+    let samples = played(spec, 2010);
+    assert!(samples[2000..].iter().all(|v| *v == 3.0));
+    // A crest of the last loop, and one long after its two periods; f32 rounds the phase within 1e-5 of the amplitude.
+    assert!((samples[625] - 10.0).abs() < 1e-3 && (samples[1925] - 10.0).abs() < 1e-3);
+}
+
 #[test]
 fn what_goes_with_its_length_has_one() {
-    for text in ["sweep:20V@1-2000Hz/4s,for=2s", "decaying-sine:60V@8Hz/2s,for=1s"] {
+    for (text, sign) in [
+        ("sweep:20V@1-2000Hz/4s,for=2s", '/'),
+        ("decaying-sine:60V@8Hz/2s,for=1s", '/'),
+        ("sine:20V@10Hz/4s,for=2s", '/'),
+        ("multisine:20V@10-2000Hz/4s,for=2s", '/'),
+        ("minor-loops:20V@10Hz/4s,for=2s", '/'),
+        ("zero@5s,for=2s", '@'),
+        ("hold:20V@5s,for=2s", '@'),
+    ] {
         let line = Spec::parse(text).expect_err(text).to_string();
-        assert!(line.contains("takes the time behind `/`") && !line.contains('\n'), "{line}");
+        assert!(line.contains(&format!("takes the time behind `{sign}`")) && !line.contains('\n'), "{line}");
     }
-    for text in ["sine:20V@10Hz/4s,for=2s", "decaying-sine:60V@8Hz,for=1s", "multisine:20V@10-2000Hz/4s,for=2s"] {
+    for text in
+        ["sine:20V@10Hz,for=2s", "decaying-sine:60V@8Hz,for=1s", "multisine:20V@10-2000Hz,for=2s", "zero,for=2s"]
+    {
         assert!(Spec::parse(text).is_ok(), "{text}");
     }
 }

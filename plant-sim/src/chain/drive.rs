@@ -1,11 +1,16 @@
 //! The drive: what stands between the controller's number and the volts on the actuator.
 
-use super::{Growth, Lag, Swing};
+use super::{Growth, Lag, Swing, TYPICAL_V};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 /// Keeps the drive's draws apart from the sensor's, which has the same seed.
 const STREAM: u64 = 0x6472_6976_6500_0000;
+
+/// Places at which a drive's slope is looked at, evenly over its range.
+const PLACES: usize = 400;
+/// How far from a kink either side of it is, in volts.
+const BESIDE_V: f64 = 1e-6;
 
 /// Converter and amplifier. In the order of the signal: quantisation, delay, gain, curvature, a gain that changes,
 /// saturation, slew, lag and what comes late, warming.
@@ -179,6 +184,37 @@ impl Drive {
         let within_v =
             if self.knee_v > 0.0 { self.bent_v(wanted_v) } else { wanted_v.clamp(self.range_v[0], self.range_v[1]) };
         within_v + self.slope_beyond * (wanted_v - within_v)
+    }
+
+    /// Largest slope of the output within its range, the converter's steps and the limits' corners left out: what a loop meets somewhere.
+    /// Without limits, as far as a bender's drive goes and a little beyond the last kink.
+    pub(crate) fn largest_slope(&self) -> f64 {
+        let kinks_v = self.hinges.iter().map(|hinge| hinge.at_v).chain(self.steeper.iter().map(|steeper| steeper.at_v));
+        let reach_v = kinks_v.clone().fold(TYPICAL_V, |reach_v, at_v| reach_v.max(at_v.abs() + 1.0));
+        let within = |limit_v: f64, reach_v: f64| if limit_v.is_finite() { limit_v } else { reach_v };
+        let (low_v, high_v) = (within(self.range_v[0], -reach_v), within(self.range_v[1], reach_v));
+        let even = (0..=PLACES).map(|place| low_v + (high_v - low_v) * place as f64 / PLACES as f64);
+        let beside = kinks_v.chain([0.0]).flat_map(|at_v| [at_v - BESIDE_V, at_v + BESIDE_V]);
+        let slopes = even.chain(beside.filter(|at_v| (low_v..=high_v).contains(at_v))).map(|at_v| self.slope(at_v));
+        slopes.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(self.gain)
+    }
+
+    /// Slope of the output at a command, without steps and limits.
+    fn slope(&self, command_v: f64) -> f64 {
+        let turned = |hinge: &Hinge| hinge.change * ((command_v - hinge.at_v).abs() - hinge.at_v.abs());
+        let amplified_v =
+            command_v * (1.0 + self.gain_growth_per_v * command_v.abs()) + self.hinges.iter().map(turned).sum::<f64>();
+        let turns = |hinge: &Hinge| hinge.change * (command_v - hinge.at_v).signum();
+        let amplified =
+            1.0 + 2.0 * self.gain_growth_per_v * command_v.abs() + self.hinges.iter().map(turns).sum::<f64>();
+        let bent_v = amplified_v * (1.0 + self.curvature_per_v * amplified_v);
+        let bent = amplified * (1.0 + 2.0 * self.curvature_per_v * amplified_v);
+        let beyond = self.steeper.iter().filter(|steeper| bent_v > steeper.at_v);
+        let [more_v, more] = beyond.fold([0.0f64; 2], |[v, slope], steeper| {
+            [v + steeper.gain_change * (bent_v - steeper.at_v), slope + steeper.gain_change]
+        });
+        let changed_v = self.gain * (bent_v + more_v);
+        self.gain * bent * (1.0 + more) / (1.0 + self.compression_per_v2 * changed_v * changed_v).powf(1.5)
     }
 
     /// A clip whose corner is rounded over the knee: the primitive of a logistic step.

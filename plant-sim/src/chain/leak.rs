@@ -13,9 +13,16 @@ const SHORTEST_S: f64 = 1e-10;
 /// The same two for coarse laws: 0.4 nm.
 const COARSE_INNER: [f64; 2] = [2e-4, 1e-7];
 /// Two powers of the excess are one whose exponent is at least this.
-const LEAST_EXPONENT: f64 = 0.1;
+pub(super) const LEAST_EXPONENT: f64 = 0.1;
+/// Skews of several effects together are at most this either way: beyond one a capacitance is negative, or a leak gives energy.
+const MOST_SKEW: f64 = 0.95;
 /// Share of the edge below which a power of the excess is straight: 0.2 mV or 0.4 nm, well above the error of the inner steps.
 const STRAIGHT: f64 = 3e-5;
+
+/// What skews that add up to `sum` come to.
+pub(super) fn skewed_by(sum: f64) -> f64 {
+    sum.clamp(-MOST_SKEW, MOST_SKEW)
+}
 
 /// One hysteron with all its bends.
 pub(super) struct Leak {
@@ -74,6 +81,8 @@ impl Leak {
                     }
                 }
             }
+            leak.capacitance_skew = skewed_by(leak.capacitance_skew);
+            leak.slope_skew = skewed_by(leak.slope_skew);
             leaks.push(leak);
         }
         leaks

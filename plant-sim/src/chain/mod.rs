@@ -35,12 +35,13 @@ use shaking::Shaking;
 use std::collections::VecDeque;
 use substep::Laws;
 use transducer::Transducer;
-use waveform::Waveform;
+use waveform::{Stretch, Waveform};
 
 /// A fraction of a sample below which a delay counts as a whole number of samples: rounding of the numbers that state it.
 const WHOLE: f64 = 1e-9;
 
-/// Drive at which the stiffness of nonlinear springs is judged, in volts: a bender's range; it decides the number of sub-steps only.
+/// How far a drive goes where nothing says it, in volts: a bender's range. It decides the number of sub-steps against nonlinear springs, and how far
+/// an amplifier's gain is looked at for margins.
 const TYPICAL_V: f64 = 60.0;
 
 /// Largest number of hysterons that a chain can step.
@@ -71,7 +72,8 @@ impl Chain {
     /// Where the structure rests under a drive of `drive_v` at the actuator while hysterons hold their voltages, in metres.
     pub fn equilibrium_m(&self, drive_v: f64, hysteron_v: &[f64]) -> f64 {
         let missing_n = self.parts.transducer.as_ref().map_or(0.0, |part| part.rest_n(drive_v));
-        self.plant.equilibrium_m(drive_v, missing_n, hysteron_v)
+        let straight_m = self.plant.equilibrium_m(drive_v, missing_n, hysteron_v);
+        substep::rests_at(&self.plant, &self.parts.forces, straight_m)
     }
 }
 
@@ -199,7 +201,7 @@ impl Simulator {
             // Where something else pulls beside the drive it is not known how much before the step.
             let long = if parts.shakes.is_empty() && parts.transducer.is_none() { count / idle } else { 1 };
             let laws = parts.need_substeps().then(|| Laws::new(&chain.plant, parts, &modes, dynamics.states()));
-            let waveform = Waveform::new(&chain.drive, sample_s, delay_s);
+            let waveform = Waveform::new(&chain.drive, sample_s, delay_s, parts.transducer.is_some());
             let durations_s = [count, idle].map(|count| sample_s / count as f64);
             let spans = if long > 1 { Spans::two(durations_s) } else { Spans::whole(durations_s[0]) };
             (Pace::Fine(Box::new(Fine { waveform, laws, count, long })), spans)
@@ -379,14 +381,21 @@ impl Simulator {
         let sample_start_s = self.readout.time_s();
         let swung = Swing::gain(&self.swings, sample_start_s + 0.5 * self.sample_s);
         let from_m = self.is_massless.then(|| self.stepper.state(0));
-        let alpha = self.plant.transduction_c_per_m * self.heats.iter().map(HeatState::gain).product::<f64>() * swung;
+        let gain = self.heats.iter().map(HeatState::gain).product::<f64>() * swung;
+        let alpha = self.plant.transduction_c_per_m * gain;
         let stepper = self.stepper.as_mut();
         let transducer = &mut self.transducer;
         let shaking = &self.shaking;
         self.acting_v = match &mut self.pace {
-            Pace::Exact(queue) => {
-                queue.advance(stepper, transducer, shaking, [sample_start_s, self.sample_s], command, alpha, force_n)
-            }
+            Pace::Exact(queue) => queue.advance(
+                stepper,
+                transducer,
+                shaking,
+                [sample_start_s, self.sample_s],
+                command,
+                [alpha, gain],
+                force_n,
+            ),
             Pace::Fine(fine) => {
                 fine.waveform.push(command);
                 let short_s = self.sample_s / fine.count as f64;
@@ -401,7 +410,7 @@ impl Simulator {
                     let mut push =
                         Push { force_n: alpha * start_v - force_n, slope: alpha * slope, curve: alpha * curve };
                     if let Some(transducer) = transducer {
-                        push = push.without(transducer.missing([start_v, slope, curve], step_s));
+                        push = push.without(transducer.missing(fine.waveform.course(), step_s).times(gain));
                     }
                     // Parallel modes feel what drive and outer force do to the mass, without shakes and laws.
                     for (_, mode) in &mut self.outside {
@@ -423,7 +432,7 @@ impl Simulator {
         if let Some(from_m) = from_m {
             let missing_n = self.transducer.as_ref().map_or(0.0, Transducer::now_n);
             let shaken_n = self.shaking.now_n(sample_start_s + self.sample_s);
-            let pull_n = alpha * self.acting_v - missing_n - force_n + shaken_n;
+            let pull_n = alpha * self.acting_v - gain * missing_n - force_n + shaken_n;
             let place_m = pull_n / self.plant.stiffness_n_per_m;
             // It goes in no time at all, so that the mean over the sample is all there is to say of its velocity.
             self.stepper.set_state(&[place_m, (place_m - from_m) / self.sample_s]);
@@ -488,7 +497,7 @@ impl Queue {
         shaking: &Shaking,
         [sample_start_s, sample_s]: [f64; 2],
         command: Held,
-        alpha: f64,
+        [alpha, gain]: [f64; 2],
         force_n: f64,
     ) -> f64 {
         self.pending.push_back(command);
@@ -501,7 +510,8 @@ impl Queue {
                 let slope = (end_v - start_v) / duration_s;
                 let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
                 if let Some(transducer) = transducer {
-                    push = push.without(transducer.missing([start_v, slope, 0.0], duration_s));
+                    let course = [Stretch::line(start_v, slope, end_v, duration_s)];
+                    push = push.without(transducer.missing(&course, duration_s).times(gain));
                 }
                 if !shaking.is_empty() {
                     push = push.with(shaking.push(span, sample_start_s + from_s));

@@ -270,7 +270,8 @@ pub enum BendLaw {
     SlopeSkew(f64),
     /// Leak beta d/2 (x / (d/2))^p of the excess x; straight below 3e-5 of d/2. Of several p, each is a factor (x / (d/2))^(p - 1).
     Exponent(f64),
-    /// The dead zone is wider by this share at a drive rate of `reference_v_per_s`, in proportion to the rate.
+    /// The dead zone is wider by this share where the mass moves as fast as a drive of `reference_v_per_s` takes it along, |q'| k / alpha, in
+    /// proportion to the speed.
     Widening {
         /// Share.
         share: f64,

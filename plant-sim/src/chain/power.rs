@@ -4,6 +4,7 @@
 //! structure that the plant's equations don't have; it is driven without pulling back, so it is a source as well and in no balance. So is
 //! the transducer's hysteresis, which follows the voltage. Drive and sensor carry signals, not energy.
 
+use super::leak::{LEAST_EXPONENT, skewed_by};
 use super::parts::{against_stop_n, detent, in_pad, on_patch};
 use super::{Bend, BendLaw, Chain, Force, Joint};
 use crate::phs::{Hysteron, PhsState};
@@ -132,7 +133,7 @@ fn own(bends: &[Bend], i: usize) -> impl Iterator<Item = BendLaw> + '_ {
 }
 
 fn skew(bends: &[Bend], i: usize) -> f64 {
-    own(bends, i).map(|law| if let BendLaw::CapacitanceSkew(skew) = law { skew } else { 0.0 }).sum()
+    skewed_by(own(bends, i).map(|law| if let BendLaw::CapacitanceSkew(skew) = law { skew } else { 0.0 }).sum())
 }
 
 /// Integral of v C(v) dv with C(v) = C / (1 + skew v / edge), the ratio held beyond the edges.
@@ -154,14 +155,12 @@ fn leak_a(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) -> f64 {
     if edge_v <= 0.0 {
         return hysteron.current_a(v);
     }
-    let (mut slope_s, mut exponent, mut opens_v) = (hysteron.slope_s, 1.0, edge_v);
+    let (mut skew, mut eased, mut exponent, mut opens_v) = (0.0f64, 1.0f64, 1.0f64, edge_v);
     for law in own(&chain.parts.bends, i) {
         match law {
-            BendLaw::SlopeSkew(skew) => slope_s += hysteron.slope_s * skew * v.signum(),
-            BendLaw::Exponent(power) => exponent += power - 1.0,
-            BendLaw::Easing { share, reference_m_per_s } => {
-                slope_s += hysteron.slope_s * share * w.abs() / reference_m_per_s;
-            }
+            BendLaw::SlopeSkew(more) => skew += more,
+            BendLaw::Exponent(power) => exponent = (exponent + power - 1.0).max(LEAST_EXPONENT),
+            BendLaw::Easing { share, reference_m_per_s } => eased += share * w.abs() / reference_m_per_s,
             BendLaw::Widening { share, reference_v_per_s } => {
                 let rate = w.abs() * chain.plant.stiffness_n_per_m / chain.plant.transduction_c_per_m;
                 opens_v += share * edge_v * rate / reference_v_per_s;
@@ -170,5 +169,6 @@ fn leak_a(chain: &Chain, i: usize, hysteron: &Hysteron, v: f64, w: f64) -> f64 {
         }
     }
     let excess_v = (v.abs() - opens_v).max(0.0);
+    let slope_s = hysteron.slope_s * (1.0 + skewed_by(skew) * v.signum()) * eased;
     slope_s * edge_v * (excess_v / edge_v).powf(exponent) * v.signum()
 }

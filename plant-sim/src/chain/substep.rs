@@ -603,6 +603,33 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, [q, w]: [f6
     sum_n
 }
 
+/// Most steps of Newton's method towards a rest, over how far a slope is taken, and the share of a force that may be left.
+const MOST_STEPS: usize = 100;
+const SLOPE_M: f64 = 1e-10;
+const LEFT: f64 = 1e-10;
+
+/// Where the structure rests that the plant's own spring alone would let rest at `straight_m`, friction holding nothing: there if nothing else pushes, or
+/// where the forces have no rest nearby.
+pub(super) fn rests_at(plant: &Phs, forces: &[Force], straight_m: f64) -> f64 {
+    let slid = vec![0.0; forces.len()];
+    let off_n = |q: f64| plant.stiffness_n_per_m * (q - straight_m) + elastic_n(plant, forces, &slid, 0.0, [q, 0.0]);
+    if forces.is_empty() || off_n(straight_m) == 0.0 {
+        return straight_m;
+    }
+    let mut q = straight_m;
+    for _ in 0..MOST_STEPS {
+        let slope = (off_n(q + SLOPE_M) - off_n(q - SLOPE_M)) / (2.0 * SLOPE_M);
+        // What pushes on where it pushes more goes on until its slope is the plant's again.
+        let step_m = -off_n(q) / if slope > 0.0 { slope } else { plant.stiffness_n_per_m };
+        // On either side of an edge of a contact each step would lead to the other one for ever.
+        let taken = [1.0, 0.5, 0.25, 0.125].into_iter().find(|part| off_n(q + part * step_m).abs() < off_n(q).abs());
+        let Some(taken) = taken else { break };
+        q += taken * step_m;
+    }
+    let is_rest = off_n(q).abs() <= LEFT * plant.stiffness_n_per_m * straight_m.abs().max(1e-6);
+    if is_rest { q } else { straight_m }
+}
+
 fn drag(forces: &[Force], slid: &mut [f64], by_m: f64) {
     for (force, z) in forces.iter().zip(slid) {
         match *force {

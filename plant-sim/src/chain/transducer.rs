@@ -1,10 +1,11 @@
 //! Hysteresis of the transducer: an operator driven by the voltage, whose force the drive's misses (equations (2.2), (2.3)).
 //!
-//! Under a held voltage its force is constant, so a step is exact. Along a line or a parabola it is put as the parabola with the same
-//! three moments, integrated in pieces on which the voltage goes one way and the operator is smooth.
+//! Under a held voltage its force is constant, so a step is exact. Along lines, parabolas and jumps between them it is put as the parabola
+//! with the same three moments, integrated in pieces on which the voltage goes one way and the operator is smooth.
 
 use super::lag::Moments;
 use super::path::{Path, Piece};
+use super::waveform::Stretch;
 use crate::exact::Push;
 use crate::operators::Law;
 
@@ -48,16 +49,35 @@ impl Transducer {
         self.move_to(drive_v);
     }
 
-    /// The missing force over `duration_s` of the voltage `start_v + slope t + curve t^2 / 2`, which may begin with a jump.
-    pub(super) fn missing(&mut self, [start_v, slope, curve]: [f64; 3], duration_s: f64) -> Push {
-        self.move_to(start_v);
-        if slope == 0.0 && curve == 0.0 {
+    /// The missing force over the `course` of the voltage, of `duration_s`; stretches may begin with a jump.
+    pub(super) fn missing(&mut self, course: &[Stretch], duration_s: f64) -> Push {
+        if let [stretch] = course
+            && stretch.is_held()
+        {
+            self.move_to(stretch.from_v);
             return Push::held(self.now_n());
         }
-        let path = Path([start_v, slope, 0.5 * curve, 0.0]);
+        let (mut sum, mut done_s) = (Moments::default(), 0.0);
+        for stretch in course {
+            sum.add(self.along(stretch), done_s);
+            done_s += stretch.duration_s;
+        }
+        let [force_n, slope, curve] = sum.parabola(duration_s);
+        Push { force_n, slope, curve }
+    }
+
+    /// Moments of the missing force over one stretch.
+    fn along(&mut self, stretch: &Stretch) -> Moments {
+        let Stretch { from_v, slope, curve, to_v, duration_s } = *stretch;
+        self.move_to(from_v);
+        if stretch.is_held() {
+            let (held_n, t) = (self.now_n(), duration_s);
+            return Moments { zeroth: held_n * t, first: held_n * t * t / 2.0, second: held_n * t * t * t / 3.0 };
+        }
+        let mut sum = Moments::default();
+        let path = Path([from_v, slope, 0.5 * curve, 0.0]);
         let turn_s = if curve == 0.0 { f64::INFINITY } else { -slope / curve };
         let ends = if turn_s > 0.0 && turn_s < duration_s { [turn_s, duration_s] } else { [duration_s; 2] };
-        let mut sum = Moments::default();
         let mut from_s = 0.0;
         for to_s in ends {
             let mut pieces = 0;
@@ -69,12 +89,12 @@ impl Transducer {
                     self.move_to(path.at(t));
                     sum.add_node(t, weight, self.now_n());
                 }
-                self.move_to(path.at(piece.to_s));
+                // Rounding must not be a reversal.
+                self.move_to(if piece.to_s < duration_s { path.at(piece.to_s) } else { to_v });
                 from_s = piece.to_s;
             }
         }
-        let [force_n, slope, curve] = sum.parabola(duration_s);
-        Push { force_n, slope, curve }
+        sum
     }
 
     /// The missing force now.

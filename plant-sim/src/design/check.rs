@@ -6,6 +6,7 @@ use crate::margins::{Assessment, Loop, Verdict, assess};
 use crate::model::Model;
 use crate::spec::Shape;
 use crate::stability::{Certificate, Law, certify};
+use control_core::Settings;
 
 /// The largest displacement of a scenario.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,8 +53,10 @@ pub struct Check {
 const RATE_STEP: f64 = 0.98;
 /// And no further than this share of the rate.
 const LOWEST_SHARE: f64 = 1e-2;
-/// Seconds of each scenario: several settling times, and two periods of the slowest.
-const SCENARIO_S: f64 = 0.06;
+/// Seconds of each scenario, at the least and at the most: several settling times of usual loops; a minute of computing.
+const SCENARIO_S: [f64; 2] = [0.06, 10.0];
+/// Time constants after which a loop has settled, to 1 %.
+const SETTLED: f64 = 5.0;
 
 /// Checks the loop in `frame`. `model` states how far the plant may be off; peaks are sought at its corners too.
 ///
@@ -76,14 +79,16 @@ pub fn check(frame: &Frame<'_>, model: &Model) -> Result<Check, DesignError> {
             certify(&frame.chain.plant, Law::Sampled(law))
         } else {
             Certificate::refused(
-                "the proof knows mass, spring, damper and hysterons, and the plant states more than these",
+                "the proof knows mass, spring, damper and hysterons, sampled in time, and the plant states more than these",
             )
         }
     });
     let mut peaks = Vec::new();
     if is_stable {
+        // A radius of zero is over at once.
+        let settles_s = -SETTLED / (assessment.spectral_radius.value.ln() * frame.rate_hz());
         for (plant, chain) in corners(model, frame.chain) {
-            peaks.extend(peaks_of(&Frame { chain: &chain, ..*frame }, plant)?);
+            peaks.extend(peaks_of(&Frame { chain: &chain, ..*frame }, plant, settles_s)?);
         }
     }
     peaks.sort_by(|a, b| b.peak_m.total_cmp(&a.peak_m));
@@ -125,7 +130,18 @@ fn corners(model: &Model, nominal: &Chain) -> Vec<(&'static str, Chain)> {
     corners
 }
 
-fn peaks_of(frame: &Frame<'_>, plant: &'static str) -> Result<Vec<Peak>, DesignError> {
+/// How long a shaped reference takes over a distance, from rest to rest.
+fn move_s(distance_m: f64, settings: &Settings) -> f64 {
+    let rate = f64::from(settings.reference_rate_m_per_s);
+    let acceleration = f64::from(settings.reference_acceleration_m_per_s2);
+    if rate * rate >= distance_m * acceleration {
+        2.0 * (distance_m / acceleration).sqrt()
+    } else {
+        distance_m / rate + rate / acceleration
+    }
+}
+
+fn peaks_of(frame: &Frame<'_>, plant: &'static str, settles_s: f64) -> Result<Vec<Peak>, DesignError> {
     let clamp_m = f64::from(frame.settings.reference_max_m);
     let asked_m = if clamp_m.is_finite() { clamp_m } else { 100e-6 };
     let um = asked_m * 1e6;
@@ -134,21 +150,28 @@ fn peaks_of(frame: &Frame<'_>, plant: &'static str) -> Result<Vec<Peak>, DesignE
     let shut = resonance.last().map(|region| crate::linear::poles(&region.a)).unwrap_or_default();
     let first = shut.iter().map(|z| z.im.abs()).filter(|im| *im > 0.0).reduce(f64::min);
     let hz = first.unwrap_or(0.0) / std::f64::consts::TAU;
-    let mut scenarios = vec![
-        (format!("step to {um:.0} um"), single(Shape::Step, asked_m)),
-        (format!("square wave of {um:.0} um at 40 Hz, full reversals"), single(Shape::Square { hz: 40.0 }, asked_m)),
-        (format!("sine of {um:.0} um at 150 Hz"), single(Shape::Sine { hz: 150.0 }, asked_m)),
+    let mut waves = vec![
+        (format!("square wave of {um:.0} um at 40 Hz, full reversals"), 40.0, Shape::Square { hz: 40.0 }),
+        (format!("sine of {um:.0} um at 150 Hz"), 150.0, Shape::Sine { hz: 150.0 }),
     ];
     if hz > 0.0 && hz < 0.2 * frame.rate_hz() {
         let words = format!("square wave of {um:.0} um at a third of the resonance, {:.0} Hz", hz / 3.0);
-        scenarios.push((words, single(Shape::Square { hz: hz / 3.0 }, asked_m)));
+        waves.push((words, hz / 3.0, Shape::Square { hz: hz / 3.0 }));
     }
-    scenarios
-        .into_iter()
-        .map(|(scenario, spec)| {
-            let run = frame.run(&spec, SCENARIO_S)?;
+    // No samples tell a faster one.
+    waves.retain(|(_, hz, _)| *hz < 0.5 * frame.rate_hz());
+    let slowest_hz = waves.iter().map(|(_, hz, _)| *hz).fold(f64::INFINITY, f64::min);
+    let [least_s, most_s] = SCENARIO_S;
+    let whole_s = least_s.max(move_s(asked_m, &frame.settings) + settles_s).max(2.0 / slowest_hz);
+    let seconds = whole_s.min(most_s);
+    let of = if seconds < whole_s { format!(", the first {seconds:.0} s of {whole_s:.0} s") } else { String::new() };
+    let step = (format!("step to {um:.0} um"), Shape::Step);
+    std::iter::once(step)
+        .chain(waves.into_iter().map(|(words, _, shape)| (words, shape)))
+        .map(|(words, shape)| {
+            let run = frame.run(&single(shape, asked_m), seconds)?;
             Ok(Peak {
-                scenario,
+                scenario: words + &of,
                 plant,
                 peak_m: run.peak_m,
                 asked_m,

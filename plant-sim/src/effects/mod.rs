@@ -106,6 +106,12 @@ pub fn find(id: &str) -> Option<&'static dyn Effect> {
     REGISTRY.iter().copied().find(|effect| effect.id() == id)
 }
 
+/// An entry and its form of that name.
+pub fn find_form(id: &str, name: &str) -> Option<(&'static dyn Effect, &'static Form)> {
+    let effect = find(id)?;
+    Some((effect, effect.forms().iter().find(|form| form.name == name)?))
+}
+
 /// The identifier that `text` most resembles, by the fewest letters to change.
 pub fn nearest(text: &str) -> &'static str {
     let distances = REGISTRY.iter().map(|effect| (distance(text, effect.id()), effect.id()));

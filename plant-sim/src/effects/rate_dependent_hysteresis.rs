@@ -9,10 +9,10 @@ effect!(RateDependentHysteresis, "rate_dependent_hysteresis", Actuator);
 const ABOUT: About = About {
     title: "rate-dependent hysteresis",
     what: "The hysteresis loop widens with the rate of the drive, not in proportion as it would with linear damping.",
-    equation: "F = Fr |q' / vr|^m sign(q'); or a dead zone d (1 + w |u'| / (1e4 V/s)); or a leak beta d/2 (x / \
+    equation: "F = Fr |q' / vr|^m sign(q'); or a dead zone d (1 + w |q'| k / (alpha 1e4 V/s)); or a leak beta d/2 (x / \
                (d/2))^(1+e), or beta x (1 + s |q'| / vr). F: force against the motion, q': velocity, vr = 0.05 m/s, m: exponent, d: width of the \
-               dead zone, u': rate of the drive, w: widening, beta: slope, x: voltage beyond the dead zone, e: excess \
-               of the exponent over one",
+               dead zone, q' k / alpha: rate of the drive that goes with that velocity, k: stiffness, alpha: transduction, w: widening, \
+               beta: slope, x: voltage beyond the dead zone, e: excess of the exponent over one",
     source: "power of the rate, and thresholds r0 + r1 |u'|: rate-dependent Prandtl-Ishlinskii model, doi \
              10.5772/58984 (form and range); the leak and all sizes assumed",
     typical: "loop width plus tens of per cent from 1 Hz to hundreds of Hz",

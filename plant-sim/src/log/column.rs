@@ -52,8 +52,38 @@ pub(crate) const ALL: [Column; 11] = [
     Column::Predicted,
 ];
 
-/// Endings that are no unit of any quantity here: to take them for the contract's unit would be wrong by a factor.
-const OTHER_UNITS: [&str; 7] = ["lsb", "LSB", "count", "counts", "pct", "percent", "%"];
+/// Units of each quantity by name, with their decimal exponent of SI. Micro is written `u` here.
+type Units = &'static [(&'static str, i32)];
+const SECONDS: Units = &[
+    ("s", 0),
+    ("ks", 3),
+    ("ms", -3),
+    ("us", -6),
+    ("ns", -9),
+    ("ps", -12),
+    ("sec", 0),
+    ("msec", -3),
+    ("usec", -6),
+    ("nsec", -9),
+];
+const VOLTS: Units = &[("V", 0), ("kV", 3), ("mV", -3), ("uV", -6), ("nV", -9), ("pV", -12)];
+const METRES: Units = &[("m", 0), ("km", 3), ("mm", -3), ("um", -6), ("nm", -9), ("pm", -12)];
+const NEWTONS: Units = &[("N", 0), ("kN", 3), ("mN", -3), ("uN", -6), ("nN", -9), ("pN", -12)];
+const AMPERES: Units = &[("A", 0), ("kA", 3), ("mA", -3), ("uA", -6), ("nA", -9), ("pA", -12)];
+const QUANTITIES: [Units; 5] = [SECONDS, VOLTS, METRES, NEWTONS, AMPERES];
+
+/// What is no unit of any quantity here: to take it for the contract's unit would be wrong by a factor.
+const NO_UNITS: [&str; 6] = ["lsb", "count", "counts", "pct", "percent", "%"];
+
+/// What a text is to a quantity.
+enum Reading {
+    /// A unit of it, as a decimal exponent of SI.
+    Unit(i32),
+    /// A unit that is none of it, or one that might be either of two.
+    Other,
+    /// No unit that is known.
+    NoUnit,
+}
 
 impl Column {
     /// Name in files, with its unit.
@@ -103,39 +133,50 @@ impl Column {
         self as usize
     }
 
-    /// The unit that a file's own column name ends in, as a decimal exponent of SI; the contract's unit where it
-    /// ends in none that fits the quantity; the ending itself where that is a unit which none of these can be.
+    /// What `unit` is to this quantity.
     ///
-    /// `y_nm`, `y [nm]` and `y (nm)` are in nanometres, `pos_m` in metres, `y` and `y_um` in micrometres; `t_ms` in
-    /// milliseconds; `u_mV` in millivolts. Case counts, since `mV` and `MV` differ.
-    fn exponent_of(self, name: &str) -> Result<i32, String> {
-        let (symbol, others): (_, &[&str]) = match self {
-            Self::Time => ("s", &["min", "h", "hr"]),
-            Self::Command | Self::Drive => ("V", &[]),
-            // A sensor's volts are no displacement yet.
+    /// Case counts, since `mV` and `MV` differ: what is a unit only where case is ignored is one of no known size, but
+    /// where it is the contract's own (`Y_UM`), which is meant without a unit as well.
+    fn reading(self, unit: &str) -> Reading {
+        let (own, unscaled): (Units, &[&str]) = match self {
+            Self::Time => (SECONDS, &["min", "h", "hr", "sample", "samples", "tick", "ticks"]),
+            Self::Command | Self::Drive => (VOLTS, &[]),
             Self::Displacement | Self::Reference | Self::Predicted => {
-                ("m", &["cm", "dm", "inch", "inches", "mil", "ft", "V", "kV", "mV", "uV", "nV"])
+                (METRES, &["cm", "dm", "inch", "inches", "mil", "ft"])
             }
-            Self::Force => ("N", &["gf", "kgf", "lbf"]),
-            Self::Current => ("A", &[]),
-            Self::Temperature | Self::LimitedBy | Self::Seq => return Ok(0),
+            Self::Force => (NEWTONS, &["gf", "kgf", "lbf"]),
+            Self::Current => (AMPERES, &[]),
+            Self::Temperature | Self::LimitedBy | Self::Seq => return Reading::NoUnit,
         };
-        let Some((_, unit)) = name.trim().trim_end_matches([']', ')']).rsplit_once(['_', '[', '(']) else {
-            return Ok(self.file_exponent());
-        };
-        let unit = unit.trim();
-        match unit.strip_suffix(symbol) {
-            Some("") => Ok(0),
-            Some("k") => Ok(3),
-            Some("m") => Ok(-3),
-            // Two code points are in use for micro: the micro sign and the Greek letter.
-            Some("u" | "\u{b5}" | "\u{3bc}") => Ok(-6),
-            Some("n") => Ok(-9),
-            Some("p") => Ok(-12),
-            _ if OTHER_UNITS.contains(&unit) || others.contains(&unit) => Err(unit.to_owned()),
-            _ => Ok(self.file_exponent()),
+        // Two code points are in use for micro: the micro sign and the Greek letter.
+        let unit = unit.replace(['\u{b5}', '\u{3bc}'], "u");
+        if let Some((_, exponent)) = own.iter().find(|(name, _)| *name == unit) {
+            return Reading::Unit(*exponent);
         }
+        // A sensor's volts are no displacement yet. Of the smallest units no log is, and `_ps` is a power supply.
+        let of_others = QUANTITIES.into_iter().filter(|units| *units != own).flatten();
+        let mut others = of_others.filter(|(_, exponent)| *exponent > -12);
+        let lower = unit.to_lowercase();
+        let is_lower = |name: &str| name.to_lowercase() == lower;
+        if NO_UNITS.contains(&lower.as_str())
+            || unscaled.iter().any(|name| is_lower(name))
+            || others.clone().any(|(name, _)| *name == unit)
+        {
+            return Reading::Other;
+        }
+        if let Some((_, exponent)) = own.iter().find(|(name, _)| is_lower(name)) {
+            return if *exponent == self.file_exponent() { Reading::NoUnit } else { Reading::Other };
+        }
+        // Headers in capitals. One letter is more likely an index than a unit, and so are two in small letters.
+        let is_capitals = unit.len() > 1 && unit.chars().all(char::is_uppercase);
+        if is_capitals && others.any(|(name, _)| is_lower(name)) { Reading::Other } else { Reading::NoUnit }
     }
+}
+
+/// The unit that a column's name ends in, if anything: of `y_nm`, `y [nm]` and `y (nm)` it is `nm`.
+fn ending(name: &str) -> Option<&str> {
+    let (_, unit) = name.trim().trim_end_matches([']', ')']).rsplit_once(['_', '[', '('])?;
+    Some(unit.trim())
 }
 
 /// From a file's unit to SI.
@@ -149,19 +190,31 @@ pub(crate) enum Scale {
 }
 
 impl Scale {
-    /// The scale of a column called `name` in the file.
+    /// The scale of a column called `name` in the file, which may state a unit beside the name: as `--scale` says, else
+    /// as the name ends, else as it is stated; the contract's unit where none of these does.
     ///
     /// # Errors
     /// [`LogError::OtherUnit`].
-    pub(crate) fn of(column: Column, name: &str, options: &ReadOptions) -> Result<Self, LogError> {
-        match options.scale.get(column.key()) {
-            Some(&factor) => Ok(Self::from_factor(factor)),
-            None => column.exponent_of(name).map(Self::Power).map_err(|unit| LogError::OtherUnit {
-                name: name.to_owned(),
-                unit,
-                key: column.key(),
-            }),
+    pub(crate) fn of(
+        column: Column,
+        name: &str,
+        stated: Option<&str>,
+        options: &ReadOptions,
+    ) -> Result<Self, LogError> {
+        if let Some(&factor) = options.scale.get(column.key()) {
+            return Ok(Self::from_factor(factor));
         }
+        for unit in ending(name).into_iter().chain(stated) {
+            match column.reading(unit) {
+                Reading::Unit(exponent) => return Ok(Self::Power(exponent)),
+                Reading::Other => {
+                    let (name, unit) = (name.to_owned(), unit.to_owned());
+                    return Err(LogError::OtherUnit { name, unit, key: column.key() });
+                }
+                Reading::NoUnit => {}
+            }
+        }
+        Ok(Self::Power(column.file_exponent()))
     }
 
     /// Recognises powers of ten up to 10^22, the largest one that an f64 holds exactly.
@@ -247,9 +300,17 @@ pub(crate) fn wanted(options: &ReadOptions) -> Result<Vec<Wanted>, LogError> {
     if let Some(value) = options.rate_hz.filter(|&rate_hz| !is_rate(rate_hz)) {
         return Err(LogError::BadOption { option: "--rate".into(), value, expected: "above zero" });
     }
+    // A column that the user has named for something else is not also what its name says, such as an amplifier's
+    // monitor that is taken for the command.
+    let is_taken = |column: Column| {
+        let is_optional = !matches!(column, Column::Time | Column::Command | Column::Displacement);
+        let is_mapped = options.columns.contains_key(column.key());
+        is_optional && !is_mapped && options.columns.values().any(|name| name.trim() == column.file_name())
+    };
     Ok(ALL[..N_READ]
         .iter()
         .filter(|&&column| column != Column::Time || options.rate_hz.is_none())
+        .filter(|&&column| !is_taken(column))
         .map(|&column| {
             let mapped = options.columns.get(column.key());
             Wanted {

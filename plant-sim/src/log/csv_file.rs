@@ -85,7 +85,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
             idx,
             column: want.column,
             name: want.name.clone(),
-            scale: Scale::of(want.column, &want.name, options)?,
+            scale: Scale::of(want.column, &want.name, None, options)?,
         });
     }
     let no_time = wanted

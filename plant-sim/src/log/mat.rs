@@ -2,7 +2,8 @@
 //! spread over the file.
 //!
 //! ControlDesk saves one structure with `X` (time axes: `X(k).Data`) and `Y` (signals: `Y(i).Name`, `.Data`,
-//! `.XIndex`, often `.Path`), and the sampling period in `Capture.SamplingPeriod`.
+//! `.XIndex`, often `.Path` and `.Unit`), the sampling period in `Capture.SamplingPeriod`, and in `Capture.Downsampling`
+//! of how many samples one was kept.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -42,8 +43,11 @@ pub(crate) fn open<R: Read>(
     let mut fields: Vec<Field> = Vec::new();
     let mut has = [false; N_READ];
     let mut raster: Option<(usize, String)> = None;
+    // What the user has named: a signal is not also what the last component of its name says.
+    let mut taken: Vec<&Value> = Vec::new();
     for want in wanted {
         let mut found: Option<&Value> = dotted(&variables, &want.name);
+        let mut unit = None;
         if let Some(capture) = capture.as_ref().filter(|_| found.is_none()) {
             let mut hits = capture.signals(&want.name);
             if hits.len() > 1 {
@@ -54,7 +58,10 @@ pub(crate) fn open<R: Read>(
                     n: hits.len(),
                 });
             }
-            if let Some(signal) = hits.pop() {
+            let is_free = |signal: &Signal<'_>| {
+                want.is_required() || taken.iter().all(|value| !std::ptr::eq(*value, signal.data))
+            };
+            if let Some(signal) = hits.pop().filter(is_free) {
                 let (raster, other) = raster.get_or_insert((signal.raster, want.name.clone()));
                 if *raster != signal.raster {
                     return Err(LogError::MatRasters {
@@ -64,10 +71,12 @@ pub(crate) fn open<R: Read>(
                     });
                 }
                 found = Some(signal.data);
+                unit = signal.unit;
             }
         }
+        taken.extend(found.filter(|_| want.mapped));
         match found {
-            Some(value) => fields.push(Field::new(path, want, value, options)?),
+            Some(value) => fields.push(Field::new(path, want, value, unit, options)?),
             None if want.is_required() => {
                 return Err(LogError::MissingColumn {
                     path: path.to_path_buf(),
@@ -89,7 +98,7 @@ pub(crate) fn open<R: Read>(
         let axis = capture.as_ref().and_then(|capture| capture.axis(raster));
         if let Some(axis) = axis {
             let want = Wanted { name: "X.Data_s".to_owned(), ..want.clone() };
-            fields.push(Field::new(path, &want, axis, options)?);
+            fields.push(Field::new(path, &want, axis, None, options)?);
             has[Column::Time.idx()] = true;
         } else {
             rate_hz = capture.as_ref().and_then(Capture::rate_hz);
@@ -135,7 +144,14 @@ struct Field {
 }
 
 impl Field {
-    fn new(path: &Path, want: &Wanted, value: &Value, options: &ReadOptions) -> Result<Self, LogError> {
+    /// `unit` is what the file states beside the name.
+    fn new(
+        path: &Path,
+        want: &Wanted,
+        value: &Value,
+        unit: Option<&str>,
+        options: &ReadOptions,
+    ) -> Result<Self, LogError> {
         let found = match value {
             Value::Real { dims, numbers, single } => {
                 if dims.iter().filter(|&&length| length != 1).count() <= 1 {
@@ -143,7 +159,7 @@ impl Field {
                         column: want.column,
                         name: want.name.clone(),
                         numbers: numbers.clone(),
-                        scale: Scale::of(want.column, &want.name, options)?,
+                        scale: Scale::of(want.column, &want.name, unit, options)?,
                         epsilon: if *single { f64::from(f32::EPSILON) } else { f64::EPSILON },
                     });
                 }
@@ -250,6 +266,8 @@ struct Signal<'a> {
     /// `Name` as it is, without quotes.
     name: String,
     data: &'a Value,
+    /// `Unit`: empty or `-` where nobody has set it.
+    unit: Option<&'a str>,
     /// Which time axis, from 0.
     raster: usize,
 }
@@ -273,6 +291,7 @@ impl<'a> Capture<'a> {
                     },
                     name,
                     data: y.field_of(idx, "Data")?,
+                    unit: y.field_of(idx, "Unit").and_then(Value::text).map(str::trim),
                     // MATLAB counts from 1; a nonsensical index saturates and finds no axis.
                     raster: raster.map_or(0, |raster| (raster as usize).saturating_sub(1)),
                 })
@@ -301,8 +320,11 @@ impl<'a> Capture<'a> {
     }
 
     fn rate_hz(&self) -> Option<f64> {
-        let interval_s = self.whole.field("Capture")?.field("SamplingPeriod")?.number()?;
-        Some(interval_s.recip()).filter(|&rate_hz| super::column::is_rate(rate_hz))
+        let capture = self.whole.field("Capture")?;
+        let period_s = capture.field("SamplingPeriod")?.number()?;
+        let downsampling = capture.field("Downsampling").and_then(Value::number).unwrap_or(1.0);
+        let rate_hz = (period_s * downsampling).recip();
+        (downsampling >= 1.0 && super::column::is_rate(rate_hz)).then_some(rate_hz)
     }
 }
 

@@ -56,6 +56,11 @@ pub struct Meta {
 }
 
 impl Meta {
+    /// Rows of the start-up at a sampling period of `dt_s`: of `asked_s` seconds, else of what the log states.
+    pub fn run_in_rows(&self, asked_s: Option<f64>, dt_s: f64) -> usize {
+        (asked_s.or(self.run_in_s).unwrap_or(0.0) / dt_s).round() as usize
+    }
+
     /// Takes one `key: value` over. `line` is `None` where the file has no lines.
     pub(crate) fn set(&mut self, path: &Path, line: Option<u64>, key: &str, text: &str) -> Result<(), LogError> {
         let bad = |expected| LogError::MetaValue {

@@ -43,7 +43,7 @@ pub use csv_file::excerpt_list;
 pub use error::{LogError, Place};
 pub use export::export;
 pub use meta::{Hold, Meta};
-pub use plausibility::warnings;
+pub use plausibility::{warnings, warnings_of_head};
 pub use writer::{Writer, write};
 
 use column::N_READ;
@@ -311,9 +311,12 @@ impl RowReader {
         if !has_time && rate_hz.is_none() {
             return Err(LogError::NoRate { path: path.to_path_buf() });
         }
+        let mut meta = opened.meta;
+        // What is asked for goes before what the file states.
+        meta.rate_hz = options.rate_hz.or(meta.rate_hz);
         let mut reader = Self {
             path: path.to_path_buf(),
-            meta: opened.meta,
+            meta,
             rate_hz,
             has: opened.has,
             others: opened.others,

@@ -123,7 +123,7 @@ pub(crate) fn open<R: Read + Send + 'static>(
             from: *offset,
             to: offset + dtype.num_bytes().unwrap_or(0),
             // A mere index carries no unit.
-            scale: Scale::of(want.column, &want.name, options)?,
+            scale: Scale::of(want.column, &want.name, None, options)?,
             decode,
             epsilon,
         });

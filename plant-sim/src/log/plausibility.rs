@@ -20,6 +20,15 @@ const MIN_CLIPPED_COMMAND: f64 = 0.05;
 
 /// What looks wrong with a log: wrong units, no excitation, a dead or clipped sensor, lost records. Each one a line.
 pub fn warnings(log: &Log) -> Vec<String> {
+    lines(log, true)
+}
+
+/// The same of the first rows of a log that is longer, without what only all of its rows could say.
+pub fn warnings_of_head(head: &Log) -> Vec<String> {
+    lines(head, false)
+}
+
+fn lines(log: &Log, is_whole: bool) -> Vec<String> {
     let mut lines = Vec::new();
     let mut warn = |line: String| lines.push(format!("{}: {line}", log.name));
     let (low_m, high_m) = extremes(&log.displacement_m);
@@ -27,10 +36,10 @@ pub fn warnings(log: &Log) -> Vec<String> {
     let span_m = high_m - low_m;
     let span_v = high_v - low_v;
 
-    if span_v == 0.0 {
+    if is_whole && span_v == 0.0 {
         warn(format!("the command is {low_v} V throughout: nothing is excited, so nothing can be identified"));
     }
-    if span_m == 0.0 {
+    if is_whole && span_m == 0.0 {
         warn(format!(
             "the displacement is {} um throughout: is the sensor connected, is it the right column?",
             low_m * 1e6
@@ -48,7 +57,7 @@ pub fn warnings(log: &Log) -> Vec<String> {
         ));
     }
     let length_s = log.len() as f64 * log.dt_s;
-    if log.meta.latency_s >= length_s {
+    if is_whole && log.meta.latency_s >= length_s {
         warn(format!(
             "its latency, latency_us of {} us, is as long as the log of {length_s:.4} s or longer: no command of it acts",
             log.meta.latency_s * 1e6

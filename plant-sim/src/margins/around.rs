@@ -1,8 +1,8 @@
 //! What else of a chain is linear and stands in the loop with a region of the plant: oscillators, creep and arms between structure and sensor, gain and
 //! bandwidth of sensor and amplifier.
 //!
-//! What is not linear is left out: forces beside the springs, bends of hysterons, lost motion, curves of a gain, limits. Of a gain that differs from
-//! place to place the larger one counts, of an element of creep its share for small displacements.
+//! What is not linear is left out: forces beside the springs, bends of hysterons, lost motion, curves of the sensor, limits. Of a gain that differs
+//! from place to place the larger one counts, of an element of creep its share for small displacements.
 
 use super::LinearRegion;
 use crate::chain::{Chain, Drive, Joint, Lag, Mode, Parts, Sensor};
@@ -46,21 +46,22 @@ impl Chain {
         let late = drive.late.map(|late| (late.share, Some(Lag::First { time_constant_s: late.time_constant_s })));
         let rest = 1.0 - late.map_or(0.0, |(share, _)| share);
         region.drive_by([(rest, drive.lag.filter(|lag| lag.acts()))].into_iter().chain(late));
-        region.b *= drive.gain;
-        region.d *= drive.gain;
+        let gain = drive.largest_slope();
+        region.b *= gain;
+        region.d *= gain;
         region
     }
 
-    /// Whether there is nothing but the plant, limits, converters, delay, and what comes from outside.
+    /// Whether there is nothing but the plant, limits, converters, delay, and what comes from outside; every sample is read, and every command acts,
+    /// when it should.
     pub fn is_bare(&self) -> bool {
-        let Drive { range_v, delay_s, quantum_v, is_truncating, lost_share, .. } = self.drive;
+        let Drive { range_v, delay_s, quantum_v, is_truncating, .. } = self.drive;
         let Drive { slew_v_per_s, slew_down_v_per_s, discharge_ratio, .. } = self.drive;
         let limits = Drive { range_v, slew_v_per_s, slew_down_v_per_s, discharge_ratio, ..Drive::IDEAL };
-        let drive = Drive { delay_s, quantum_v, is_truncating, lost_share, ..limits };
-        let Sensor { offset_m, noise_m, slow_noise_m, slow_noise_s, jitter_s, repeated_share, quantum_m, .. } =
-            self.sensor;
+        let drive = Drive { delay_s, quantum_v, is_truncating, ..limits };
+        let Sensor { offset_m, noise_m, slow_noise_m, slow_noise_s, quantum_m, .. } = self.sensor;
         let (drifts, lines, stairs) = (self.sensor.drifts.clone(), self.sensor.lines.clone(), self.sensor.stairs);
-        let scatter = Sensor { noise_m, slow_noise_m, slow_noise_s, jitter_s, repeated_share, ..Sensor::IDEAL };
+        let scatter = Sensor { noise_m, slow_noise_m, slow_noise_s, ..Sensor::IDEAL };
         let sensor = Sensor { offset_m, quantum_m, drifts, lines, stairs, ..scatter };
         let parts = Parts { shakes: self.parts.shakes.clone(), is_coarse: self.parts.is_coarse, ..Parts::default() };
         self.drive == drive && self.sensor == sensor && self.parts == parts

@@ -18,7 +18,7 @@
 //! The offset `-+ d_i/2` moves the equilibrium and not the dynamics, so the two signs of an active hysteron share one region.
 //! An inactive hysteron integrates exactly, `v_i = alpha/C_i q + const`: it is a spring, and is eliminated as the stiffness
 //! `alpha^2/C_i`. Kept as a state it would give the sampled loop an eigenvalue of exactly 1 that no input moves and that the
-//! controller cannot touch. That is the memory of the hysteresis, not a verdict on the loop.
+//! controller cannot touch. That is the memory of the hysteresis, not a verdict on the loop. One whose slope is zero is always a spring.
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
@@ -26,7 +26,7 @@ use super::MarginError;
 use crate::chain::{Chain, Force};
 use crate::phs::{Hysteron, Phs};
 
-/// More hysterons than this would mean more than 65536 regions, which is a mistake in the caller rather than a plant.
+/// More hysterons that open and shut than this would mean more than 65536 regions, which is a mistake in the caller rather than a plant.
 const MAX_HYSTERONS: usize = 16;
 
 /// One linear region in continuous time, from the drive u in volts to the displacement q in metres:
@@ -47,7 +47,7 @@ pub struct LinearRegion {
 
 /// Linear regions of whatever plant the chain has.
 impl Chain {
-    /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; of a law of hysteresis, the plant at its least and its
+    /// Those of the hysterons ([`Phs::linear_regions`]); of a linear plant, itself; beside a law of hysteresis each of them at its least and its
     /// largest slope. Each with all that is linear in the chain beside it: modes, creep, arms, and gain and bandwidth of sensor and amplifier. The
     /// drive's delay is the loop's ([`crate::experiment::sampled_loop`]), and what is not linear is left out.
     ///
@@ -61,55 +61,70 @@ impl Chain {
         if let Some(space) = &self.parts.linear {
             return Ok(vec![space.region("linear plant")]);
         }
-        let law = |force: &Force| if let Force::BoucWen(law) = force { Some(*law) } else { None };
-        if let Some(transducer) = &self.parts.transducer {
-            let alpha = self.plant.transduction_c_per_m;
-            let slopes = transducer.law.operator().slopes_per_v().map(|slope| alpha - transducer.force_n * slope);
-            let of = |(alpha, label): (f64, &str)| {
-                if self.parts.is_massless {
-                    return Err(MarginError::Massless);
-                }
-                let mut region = self.plant.linear_region(&[])?;
-                region.b[1] = alpha / self.plant.mass_kg;
-                Ok(LinearRegion { label: format!("hysteresis, {label}"), ..region })
-            };
-            let [least, greatest] = slopes;
-            return [(least, "least slope"), (greatest, "greatest slope")].into_iter().map(of).collect();
+        if self.parts.is_massless {
+            return Err(MarginError::Massless);
         }
-        if let Some(law) = self.parts.forces.iter().find_map(law) {
-            let of = |(slope, label): (f64, &str)| {
-                let stiffer = Phs { stiffness_n_per_m: self.plant.stiffness_n_per_m + slope, ..self.plant.clone() };
-                Ok(LinearRegion { label: format!("Bouc-Wen, {label}"), ..stiffer.linear_region(&[])? })
-            };
-            let [low, high] = law.slopes(0.0);
-            return [(low, "saturated"), (high, "after a turn")].into_iter().map(of).collect();
+        let of_structure = self.regions_of_structure()?;
+        let Some(transducer) = &self.parts.transducer else { return Ok(of_structure) };
+        let alpha = self.plant.transduction_c_per_m;
+        let slopes = transducer.law.operator().slopes_per_v().map(|slope| alpha - transducer.force_n * slope);
+        let mut regions = Vec::with_capacity(2 * of_structure.len());
+        for (alpha, law) in slopes.into_iter().zip(["hysteresis, least slope", "hysteresis, greatest slope"]) {
+            let mut under = under_law(law, of_structure.clone());
+            under.iter_mut().for_each(|region| region.b[1] = alpha / self.plant.mass_kg);
+            regions.append(&mut under);
         }
-        self.plant.linear_regions()
+        Ok(regions)
     }
+
+    /// Regions under the voltage as it is.
+    fn regions_of_structure(&self) -> Result<Vec<LinearRegion>, MarginError> {
+        let law = |force: &Force| if let Force::BoucWen(law) = force { Some(*law) } else { None };
+        let Some(law) = self.parts.forces.iter().find_map(law) else { return self.plant.linear_regions() };
+        let mut regions = Vec::new();
+        for (slope, law) in law.slopes(0.0).into_iter().zip(["Bouc-Wen, saturated", "Bouc-Wen, after a turn"]) {
+            let stiffer = Phs { stiffness_n_per_m: self.plant.stiffness_n_per_m + slope, ..self.plant.clone() };
+            regions.append(&mut under_law(law, stiffer.linear_regions()?));
+        }
+        Ok(regions)
+    }
+}
+
+/// The regions under one slope of a law of hysteresis; where there is but one, the law is all there is to say of it.
+fn under_law(law: &str, mut regions: Vec<LinearRegion>) -> Vec<LinearRegion> {
+    let is_alone = regions.len() == 1;
+    for region in &mut regions {
+        region.label = if is_alone { law.to_owned() } else { format!("{law}, {}", region.label) };
+    }
+    regions
 }
 
 /// Linear regions of the plant.
 impl Phs {
-    /// All `2^n` regions: the one with every hysteron active first, the one with none active last.
+    /// All `2^n` regions of n hysterons that open and shut: the one with every such hysteron active first, the one with none active last. One
+    /// without a dead zone is always active.
     pub fn linear_regions(&self) -> Result<Vec<LinearRegion>, MarginError> {
-        let n_hysterons = self.hysterons.len();
+        let switches = |hysteron: &Hysteron| hysteron.dead_zone_v > 0.0 && hysteron.slope_s > 0.0;
+        let switching: Vec<usize> = (0..self.hysterons.len()).filter(|&i| switches(&self.hysterons[i])).collect();
+        let n_hysterons = switching.len();
         if n_hysterons > MAX_HYSTERONS {
             return Err(MarginError::TooManyHysterons { n_hysterons, limit: MAX_HYSTERONS });
         }
         (0..1_usize << n_hysterons)
             .rev()
             .map(|mask| {
-                let active: Vec<bool> = (0..n_hysterons).map(|i| mask >> i & 1 == 1).collect();
+                let mut active = vec![true; self.hysterons.len()];
+                switching.iter().enumerate().for_each(|(bit, &i)| active[i] = mask >> bit & 1 == 1);
                 self.linear_region(&active)
             })
             .collect()
     }
 
     /// The region with exactly the hysterons marked in `active` outside their dead zone; states `q, w, v` of the active ones.
-    /// Hysterons beyond the end of `active` count as inactive.
+    /// Hysterons beyond the end of `active` count as inactive, and so does one without a slope, which is a spring on either side.
     pub fn linear_region(&self, active: &[bool]) -> Result<LinearRegion, MarginError> {
         self.check_coefficients()?;
-        let is_active = |hysteron_idx: &usize| active.get(*hysteron_idx).copied().unwrap_or(false);
+        let is_active = |&i: &usize| active.get(i).copied().unwrap_or(false) && self.hysterons[i].slope_s > 0.0;
         let (active_idxs, inactive_idxs): (Vec<usize>, Vec<usize>) = (0..self.hysterons.len()).partition(is_active);
 
         let alpha = self.transduction_c_per_m;
@@ -153,7 +168,7 @@ impl Phs {
             if !positive(hysteron.capacitance_f) {
                 return complain("capacitance_f", hysteron.capacitance_f);
             }
-            if !positive(hysteron.slope_s) {
+            if !not_negative(hysteron.slope_s) {
                 return complain("slope_s", hysteron.slope_s);
             }
         }

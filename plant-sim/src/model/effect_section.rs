@@ -43,8 +43,7 @@ impl EffectSection {
 
     /// The entry and its form; `None` if the registry lacks one of them.
     pub fn entry(&self) -> Option<(&'static dyn Effect, &'static Form)> {
-        let effect = effects::find(&self.id)?;
-        Some((effect, effect.forms().iter().find(|form| form.name == self.form)?))
+        effects::find_form(&self.id, &self.form)
     }
 
     /// Puts the effect into a chain, if the registry knows it.

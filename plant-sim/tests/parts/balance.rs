@@ -1,8 +1,9 @@
 //! Power balance of chains with physical parts: stored + dissipated = supplied.
 
 use super::rival::{SAMPLE_S, chain, lively, with_force};
-use plant_sim::chain::power::{dissipated_w, stored_j};
+use plant_sim::chain::power::{Snapshot, dissipated_w, stored_j};
 use plant_sim::chain::{Bend, BendLaw, Chain, Force, Held, Joint, Mode, Parts, Simulator};
+use plant_sim::phs::PhsState;
 
 /// Sub-samples of 0.5 us: trapezoids then miss what the fast hysteron's 0.94 us makes of a corner, which is little of the whole.
 const PARTS: usize = 100;
@@ -82,4 +83,30 @@ fn stored_plus_dissipated_equals_supplied() {
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");
+}
+
+/// Each of these alone is allowed; 1.6 together would be a negative capacitance, and a leak that gives energy.
+#[test]
+fn skews_of_several_effects_stay_physical() {
+    for (hysteron, law) in
+        [(0, BendLaw::CapacitanceSkew(0.8)), (1, BendLaw::CapacitanceSkew(0.8)), (1, BendLaw::SlopeSkew(0.8))]
+    {
+        let bends = vec![Bend { hysteron: Some(hysteron), law }; 2];
+        let chain = Chain { parts: Parts { bends, ..Parts::default() }, ..chain() };
+        let at = |v: f64| {
+            let plant = PhsState { hysteron_v: vec![v; 2], ..PhsState::default() };
+            Snapshot { plant, attached: Vec::new(), slid: Vec::new() }
+        };
+        for v in [-20.0, -7.0, -2.0, 2.0, 7.0, 20.0] {
+            let (stored, lost) = (stored_j(&chain, &at(v)), dissipated_w(&chain, &at(v)));
+            assert!(stored > 0.0 && lost >= 0.0, "{law:?} at {v} V: {stored:e} J, {lost:e} W");
+        }
+        let mut simulator = Simulator::new(&chain, SAMPLE_S, 0.0);
+        for volts in lively() {
+            simulator.advance(Held::zero_order(volts), 0.0);
+            let now = simulator.snapshot();
+            let largest = now.plant.hysteron_v.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+            assert!(largest < 1e3 && dissipated_w(&chain, &now) >= 0.0, "{law:?}: {now:?}");
+        }
+    }
 }
