@@ -104,6 +104,33 @@ fn killed_in_the_middle_it_leaves_a_log_that_is_read() {
     assert_eq!(json(&folder.read("run/link.json"))["is_complete"], false);
 }
 
+/// Asked to end, it leaves the board idle and its own, whatever the controller's limits were.
+#[cfg(unix)]
+#[test]
+fn interrupted_it_leaves_the_board_in_order_and_says_so_in_one_line() {
+    let folder = Folder::new("hil-interrupted");
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let board = slow_board(std::time::Duration::ZERO);
+    let own = set_to(&folder, &board);
+    let line = call(&board, "run").replace(PI1, "@/narrow.toml").replace("0.05", "5000");
+    let mut child = spawned(&folder, &line);
+    // A second into the run.
+    child.until(|| folder.path("run/link.json").exists());
+    let id = child.0.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill").success());
+    let status = child.0.wait().expect("ended");
+    let mut said = String::new();
+    child.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+    assert_eq!(status.code(), Some(4), "{said}");
+    assert!(said.starts_with("hysteron: interrupted: ") && said.contains("the board is stopped, at 0 V"), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert_eq!(set_to(&folder, &board), own);
+    let link = json(&folder.read("run/link.json"));
+    let kept = rows(&folder.read("run/log.csv")).lines().count() as u64 - 1;
+    assert_eq!((&link["is_complete"], link["rows"].as_u64()), (&false.into(), Some(kept)));
+}
+
 #[test]
 fn a_bad_link_is_in_the_statistics_and_the_run_says_so() {
     let folder = Folder::new("hil-faults");
@@ -267,6 +294,7 @@ fn paced_it_keeps_to_the_clock_and_refuses_a_link_that_is_too_slow_with_the_numb
         let facts = json(&folder.read("run/run.json"));
         assert_eq!((&facts["mode"], &facts["latency_us"]), (&"paced".into(), &100.0.into()));
         assert!(folder.read("run/log.csv").contains("# latency_us: 100\n"));
+        assert!(json(&folder.read("run/link.json"))["slips"].is_u64());
         // What the loop is worth at this rate and with this delay, of each controller that lies there.
         for told in ["pi1.toml unstable", "pi2.toml stable: gain margin"] {
             assert!(stdout(&output).contains(told), "{told}: {}", stdout(&output));

@@ -245,6 +245,36 @@ fn a_board_has_its_own_limits_again_after_a_refusal() {
     assert_eq!(own["drive_max_v"], 90.0);
 }
 
+/// A board that drives a bench of its own is left at 0 V and with its own limits by who is asked to end.
+#[cfg(unix)]
+#[test]
+fn interrupted_it_stops_the_board_and_gives_it_its_own_limits_back() {
+    let Some(image) = image() else { return };
+    let folder = Folder::new("record-interrupted");
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    // Time passes for the board while it answers, so that a busy machine is no silence.
+    let (_server, place) = served(&image, &["--pace", "lockstep"]);
+    let at = format!("--board tcp:{place} --patience-ms 60000");
+    let set_to = || json(&run(&folder, &format!("board parameters {at} --json")))["parameters"].clone();
+    let own = set_to();
+    let line = format!("record {at} --plant {PLANT} --controller @/narrow.toml --spec step:20um@1000s --out @/run");
+    let mut child = spawned(&folder, &line);
+    let log = folder.path("run/log.csv");
+    child.until(|| log.metadata().is_ok_and(|found| found.len() > 2000));
+    let id = child.0.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-TERM", &id]).status().expect("kill").success());
+    let status = child.0.wait().expect("ended");
+    let mut said = String::new();
+    std::io::Read::read_to_string(&mut child.0.stderr.take().expect("piped"), &mut said).expect("text");
+    assert_eq!(status.code(), Some(4), "{said}");
+    assert!(said.contains("hysteron: interrupted: ") && said.contains("the board is stopped, at 0 V"), "{said}");
+    assert_eq!(set_to(), own);
+    assert_eq!(parsed(&folder.read("run/link.json"))["is_complete"], false);
+    // Nothing is left running that would be in the next one's way.
+    succeeded(&run(&folder, &format!("record {at} --spec hold:1V@0.01s --out @/next")));
+}
+
 /// Who has narrowed a board's own limits may think that they hold in closed loop as well.
 #[test]
 fn a_controller_of_wider_limits_than_the_boards_own_is_told() {

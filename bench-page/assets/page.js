@@ -6,6 +6,8 @@ import { Scope } from './scope.js';
 import { drawLoop, drawSpectrum } from './side.js';
 
 const token = new URLSearchParams(location.hash.slice(1)).get('token') ?? '';
+// The address of another start differs in its fragment only, for which a browser loads nothing.
+window.addEventListener('hashchange', () => location.reload());
 const SPANS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5];
 
 // Words at the foot and above ------------------------------------------------------------------------------------------
@@ -210,15 +212,19 @@ for (const tab of el('tabs').children) {
   });
 }
 
+// A browser that keeps no data of sites throws where they are asked for.
+function keptTheme() {
+  try { return localStorage.getItem('theme'); } catch { return null; }
+}
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
-  localStorage.setItem('theme', theme);
+  try { localStorage.setItem('theme', theme); } catch { /* It is asked for again next time. */ }
   isSpectrumNew = true;
 }
 function turnTheme() {
   setTheme(document.documentElement.dataset.theme === 'dark' ? 'light' : 'dark');
 }
-setTheme(localStorage.getItem('theme') ?? (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light'));
+setTheme(keptTheme() ?? (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light'));
 el('theme').addEventListener('click', turnTheme);
 el('help-button').addEventListener('click', () => el('help').showModal());
 

@@ -297,6 +297,9 @@ export class Runs {
   async refresh() {
     try {
       const { value: runs } = await this.bench.ask('runs');
+      // What is listed no more has no box to be left out by.
+      this.chosen = new Set(runs.map((run) => run.name).filter((name) => this.chosen.has(name)));
+      el('compare').disabled = !this.chosen.size;
       if (!runs.length) { el('runs').replaceChildren(make('p', 'No runs yet: record one.', 'hint')); return; }
       table(el('runs'), ['', 'run', 'plays', 's', 'ended'], runs.map((run) => {
         const box = make('input');

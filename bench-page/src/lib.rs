@@ -11,6 +11,7 @@
 //! | [`parameters`] | the parameters in the page's units |
 //! | [`recorder`], [`runs`] | run directories: made, listed, compared |
 //! | [`diagnosis`] | a diagnosis beside the running loop |
+//! | [`ending`] | signals that ask the process to end |
 //!
 //! What it does not do: control law, plant, link and diagnosis are other rooms'. It draws nothing but its page, loads nothing from
 //! anywhere, and is no safety device: the wired stop is.
@@ -32,6 +33,7 @@
 
 pub mod access;
 pub mod diagnosis;
+pub mod ending;
 pub mod engine;
 pub mod history;
 pub mod lease;

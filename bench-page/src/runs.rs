@@ -9,8 +9,10 @@ use serde_json::Value;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::UNIX_EPOCH;
 
+/// The log of a run that has one.
+const LOG: &str = "log.csv";
 /// Runs that are listed, newest first.
 const LISTED: usize = 200;
 /// Runs that are compared at once, and columns of each.
@@ -19,10 +21,10 @@ const COLUMNS: usize = 1200;
 /// Rows of a log that are read into memory: ten minutes at 20 kHz.
 const MOST_ROWS: u64 = 13_000_000;
 
-/// A run as the list shows it.
+/// A run as the list shows it; of a directory with several logs, each of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Listed {
-    /// Path below the folder of runs.
+    /// Path below the folder of runs, of the directory or of one of its logs.
     pub name: String,
     /// Seconds since 1970 of its last change.
     pub changed_s: u64,
@@ -30,7 +32,7 @@ pub struct Listed {
     pub spec: String,
     /// Board.
     pub board: String,
-    /// Rows that its link's statistics state.
+    /// Rows that are stated beside it.
     pub rows: Option<u64>,
     /// Length.
     pub seconds: Option<f64>,
@@ -57,22 +59,43 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
     entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect()
 }
 
-fn listed(root: &Path, path: &Path) -> Option<Listed> {
+fn listed(root: &Path, path: &Path) -> Vec<Listed> {
     let json = |name: &str| -> Option<Value> { serde_json::from_str(&fs::read_to_string(path.join(name)).ok()?).ok() };
-    let run = json("run.json")?;
-    let link = json("link.json");
-    let rows = link.as_ref().and_then(|link| link["rows"].as_u64());
-    let changed = fs::metadata(path.join("log.csv")).and_then(|found| found.modified()).unwrap_or(UNIX_EPOCH);
+    let Some(run) = json("run.json") else { return Vec::new() };
+    let link = json("link.json").unwrap_or_default();
+    let Some(experiments) = run["experiments"].as_array() else {
+        return entry(root, path, LOG, &run, &run["reference"], &link).into_iter().collect();
+    };
+    // What `hysteron record` has made: a log for each experiment that was begun.
+    let each = |experiment: &Value| {
+        let log = experiment["log"].as_str().filter(|log| !log.contains(['/', '\\']))?;
+        entry(root, path, log, &run, &experiment["spec"], &link["logs"][log])
+    };
+    experiments.iter().filter_map(each).collect()
+}
+
+/// The entry of a log in `path`, of which `state` says how it stands; nothing where it is not there.
+fn entry(root: &Path, path: &Path, log: &str, run: &Value, spec: &Value, state: &Value) -> Option<Listed> {
+    let below = path.strip_prefix(root).ok()?.to_str()?;
+    let changed = fs::metadata(path.join(log)).and_then(|found| found.modified()).ok()?;
+    let rows = state["rows"].as_u64();
     let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     Some(Listed {
-        name: path.strip_prefix(root).ok()?.to_str()?.to_owned(),
-        changed_s: changed.duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs()),
-        spec: text(&run["reference"]),
+        name: if log == LOG { below.to_owned() } else { format!("{below}/{log}") },
+        changed_s: changed.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()),
+        spec: text(spec),
         board: text(&run["board"]),
         rows,
         seconds: rows.zip(run["rate_hz"].as_f64()).map(|(rows, rate_hz)| rows as f64 / rate_hz),
-        fault: link.and_then(|link| link["fault"].as_str().map(|fault| fault.replace('_', " "))),
+        fault: state["fault"].as_str().map(|fault| fault.replace('_', " ")),
     })
+}
+
+/// The log of a listed run: that of its directory, or the one that is named.
+fn log_of(folder: &Path, name: &str) -> PathBuf {
+    let path = folder.join(name);
+    let is_log = path.extension().is_some_and(|ending| ending == "csv") && !path.is_dir();
+    if is_log { path } else { path.join(LOG) }
 }
 
 /// Names of the saved sets.
@@ -126,7 +149,7 @@ fn compared(folder: &Path, name: &str) -> Result<Compared, String> {
         return Err(format!("{name:?}: no run of this folder"));
     }
     let said = |error: plant_sim::log::LogError| error.to_string();
-    let reader = open(&folder.join(name).join("log.csv"), &ReadOptions::default()).map_err(said)?;
+    let reader = open(&log_of(folder, name), &ReadOptions::default()).map_err(said)?;
     if reader.n_rows() > MOST_ROWS {
         return Err(format!("{name}: {} rows are too many for a comparison", reader.n_rows()));
     }
@@ -174,6 +197,7 @@ fn busy(reference_m: &[f64], command_v: &[f64]) -> Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     #[test]
     fn a_name_leads_nowhere_but_into_the_folder() {
@@ -199,6 +223,37 @@ mod tests {
         let compared = compare(&folder, &names).map(|runs| runs.len());
         fs::remove_dir_all(&folder).unwrap();
         assert_eq!((names.len(), compared), (3, Ok(3)));
+    }
+
+    /// What `hysteron record` makes of a set is a log for each experiment: each is whole, in a fault or cut short by itself.
+    #[test]
+    fn a_directory_of_several_logs_is_listed_and_compared_log_by_log() {
+        let folder = std::env::temp_dir().join(format!("hysteron-several-{}", std::process::id()));
+        let path = folder.join("set");
+        fs::create_dir_all(&path).unwrap();
+        let names = ["01-a.csv", "02-b.csv", "03-c.csv", "04-d.csv"];
+        let experiments: Vec<Value> = names.iter().map(|log| json!({ "log": log, "spec": "hold:1V@0.02s" })).collect();
+        let run = json!({ "board": "nucleo", "rate_hz": 1000.0, "experiments": experiments });
+        fs::write(path.join("run.json"), run.to_string()).unwrap();
+        let done = |fault: &str| json!({ "rows": 20, "fault": fault, "is_complete": true });
+        let begun = json!({ "rows": 7, "is_complete": false });
+        let logs = json!({ names[0]: done("none"), names[1]: done("link_loss"), names[2]: begun });
+        fs::write(path.join("link.json"), json!({ "logs": logs, "is_complete": false }).to_string()).unwrap();
+        let rows: String = (0..20).map(|k| format!("{:.3},{k},{}\n", f64::from(k) * 1e-3, 2 * k)).collect();
+        for name in &names[..3] {
+            fs::write(path.join(name), format!("time_s,command_V,displacement_um\n{rows}")).unwrap();
+        }
+        let mut found = list(&folder);
+        found.sort_by(|a, b| a.name.cmp(&b.name));
+        let listed: Vec<String> = found.iter().map(|run| run.name.clone()).collect();
+        let compared = compare(&folder, &listed).map(|runs| runs.len());
+        fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(listed, ["set/01-a.csv", "set/02-b.csv", "set/03-c.csv"]);
+        assert_eq!(compared, Ok(3));
+        let ended: Vec<Option<&str>> = found.iter().map(|run| run.fault.as_deref()).collect();
+        assert_eq!(ended, [Some("none"), Some("link loss"), None]);
+        assert_eq!((found[0].seconds, found[2].seconds), (Some(0.02), Some(0.007)));
+        assert!(found.iter().all(|run| run.changed_s > 0 && run.spec == "hold:1V@0.02s" && run.board == "nucleo"));
     }
 
     /// Ten runs of rest beside a run make its error no smaller.

@@ -10,6 +10,7 @@
 //! frame is on its way the next ones are left out, and a page that takes nothing for half a minute is gone.
 
 use crate::access::{Gate, Token};
+use crate::ending::asked_to_end;
 use crate::engine::{CHANNEL_TABLE, Engine, Wish};
 use crate::lease::{Lease, PageId};
 use crate::watch::{FRAMES, Trigger, Watch, past, points, spectrum, spectrum_samples};
@@ -157,33 +158,19 @@ impl Server {
     }
 }
 
-/// Waits until the board is `left` idle, unless that takes too long or the process is asked to end once more.
-async fn left_in_order<L>(left: impl Future<Output = L>, within: Duration) -> io::Result<()> {
+/// Waits until the board is `left` in order, unless that fails, takes too long or the process is asked to end once more.
+async fn left_in_order(left: impl Future<Output = Result<String, String>>, within: Duration) -> io::Result<()> {
     let why = tokio::select! {
-        // A board that can't be left in order ramps down by itself when it misses us, which is no news to who has seen it lost.
-        _ = left => return Ok(()),
+        left = left => match left {
+            Ok(_) => return Ok(()),
+            Err(error) => error,
+        },
         () = asked_to_end() => "it was asked to end once more".to_owned(),
         () = tokio::time::sleep(within) => format!("the board was not left within {within:?}"),
     };
     Err(io::Error::other(format!(
         "{why}; a board that misses this program ramps to 0 V by itself: look whether it is there"
     )))
-}
-
-/// Waits for Ctrl-C or, where there is one, a signal to terminate.
-async fn asked_to_end() {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
-            tokio::select! {
-                _ = tokio::signal::ctrl_c() => {}
-                _ = terminate.recv() => {}
-            }
-            return;
-        }
-    }
-    let _ = tokio::signal::ctrl_c().await;
 }
 
 fn router(served: Arc<Served>) -> Router {
@@ -606,12 +593,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_waits_for_ever_for_a_board_that_is_left() {
+    fn nobody_waits_for_ever_for_a_board_that_is_left_and_one_that_cannot_be_is_told() {
+        type Left = Pin<Box<dyn Future<Output = Result<String, String>>>>;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let is_left =
-            |left: Pin<Box<dyn Future<Output = ()>>>| runtime.block_on(left_in_order(left, Duration::from_millis(20)));
-        assert!(is_left(Box::pin(std::future::ready(()))).is_ok());
-        let why = is_left(Box::pin(pending())).unwrap_err().to_string();
-        assert!(why.starts_with("the board was not left within 20ms; "), "{why}");
+        let is_left = |left: Left| runtime.block_on(left_in_order(left, Duration::from_millis(20)));
+        assert!(is_left(Box::pin(std::future::ready(Ok("the board is idle".to_owned())))).is_ok());
+        let lost = is_left(Box::pin(std::future::ready(Err("the board was lost".to_owned()))));
+        let slow = is_left(Box::pin(pending()));
+        for (left, words) in [(lost, "the board was lost; "), (slow, "the board was not left within 20ms; ")] {
+            let why = left.unwrap_err().to_string();
+            assert!(why.starts_with(words), "{why}");
+        }
     }
 }

@@ -477,6 +477,31 @@ fn a_recording_that_every_page_has_left_ends() {
     next.event("the recording was left by every page, and ends");
 }
 
+/// A fault is no rest that anybody ends by hand: nobody is there.
+#[test]
+fn a_recording_in_a_fault_that_every_page_has_left_ends() {
+    let bench = in_process();
+    let mut page = bench.page();
+    page.order("take-control").expect("it is free");
+    page.ask(json!({ "do": "play", "text": "hold:70V" })).expect("a SPEC");
+    page.ask(json!({ "do": "record", "name": "left" })).expect("room on the disk");
+    for what in ["arm", "run"] {
+        page.order(what).expect(what);
+    }
+    page.until("the fault", |message| message["kind"] == "status" && message["fault"] == "displacement trip");
+    drop(page);
+    let link = bench.runs.join("left/link.json");
+    let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
+    let begun = std::time::Instant::now();
+    while !is_complete() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "it goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let mut next = bench.page();
+    next.event("the recording was left by every page, and ends");
+    next.until("at rest", |message| message["kind"] == "status" && message["mode"] == "fault");
+}
+
 /// Its folder is taken away: what is to be written at the end has no place.
 #[cfg(target_os = "linux")]
 #[test]
@@ -485,6 +510,8 @@ fn a_recording_that_cannot_be_ended_well_is_said_so() {
     let mut page = bench.page();
     page.run();
     page.record("gone");
+    // Bench and plant would begin anew in the middle of it.
+    assert!(page.order("add-effect").is_err_and(|line| line.contains("end the recording first")));
     std::fs::remove_dir_all(bench.runs.join("gone")).expect("ours");
     assert!(page.order("end-record").is_err_and(|line| line.contains("cannot be written")));
     page.mode("idle");
@@ -552,7 +579,16 @@ fn a_board_has_its_own_limits_again_after_a_refusal_a_cut_and_the_end() {
     assert_eq!(set_to().drive_max_v, 50.0);
     ask(Wish::Leave).expect("it is there");
     assert_eq!(set_to(), own, "the end");
-    for folder in [refused_runs, runs] {
+
+    // One that is gone keeps them, and whoever ends it is told.
+    let engine = Engine::start(narrow(1.0)).expect("a stable loop");
+    let lost_runs = engine.runs.clone();
+    link.is_cut.store(true, Ordering::Relaxed);
+    let ask = |wish| runtime.block_on(engine.ask(wish));
+    assert!(ask(Wish::Run).is_err_and(|line| line.contains("look after cable")));
+    let told = ask(Wish::Leave);
+    assert!(told.as_ref().is_err_and(|line| line.starts_with("the board was lost, and may keep")), "{told:?}");
+    for folder in [refused_runs, runs, lost_runs] {
         let _ = std::fs::remove_dir_all(folder);
     }
 }

@@ -5,6 +5,7 @@
 //! was, as a missed latch does on a bench.
 
 use crate::link::Link;
+use crate::pins::samples_to_rest;
 use crate::session::{Board, Session, SessionError};
 use control_core::{AdcCode, DacCode, FaultCode, Limits, ModeName, Settings};
 use plant_sim::experiment::{Bench, Setup};
@@ -12,8 +13,6 @@ use plant_sim::metrics::Limited;
 use virtual_board::waveform::Waveform;
 use wire::{Checked, InputSource, ParameterError, Parameters, Status, ToBoard};
 
-/// Longest way to 0 V after the run, in seconds of the plant; the ramp takes milliseconds.
-const END_S: f64 = 1.0;
 /// How often a set is given back to a board that does not answer.
 const ATTEMPTS: u32 = 3;
 
@@ -88,6 +87,8 @@ pub struct Outcome {
     pub lost: Vec<usize>,
     /// Samples whose drive came too late for its latch.
     pub overruns: usize,
+    /// Samples of a loop in real time that began more than half a sample late, and not because of the link: this machine was elsewhere.
+    pub slips: usize,
     /// The fault that the board ended in.
     pub fault: Option<FaultCode>,
     /// What held drive or reference back.
@@ -220,7 +221,11 @@ fn idle_from<L: Link, E>(
     if status.mode != ModeName::Idle as u8 {
         free(session, &board, &status, may_leave)?;
     }
-    Ok(board)
+    // Of a host that was killed; a board in process has no stream to stop.
+    match session.stop_stream() {
+        Ok(()) | Err(SessionError::Refused { .. }) => Ok(board),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// To idle: out of a run over the bridge that its host did not end, and out of a fault, if that is allowed.
@@ -249,20 +254,29 @@ fn free<L: Link, E>(
         let parameters = session.parameters()?;
         let checked = parameters.check(&board.converters).map_err(LockstepError::Parameters)?;
         let AdcCode(zero) = checked.calibration.adc_code(0.0);
-        let mut drive_v = 0.0;
-        for _ in 0..(END_S * f64::from(parameters.rate_hz)) as u64 {
+        let (mut drive_v, mut is_at_rest) = (0.0, false);
+        for _ in 0..samples_to_rest(&parameters) {
             let monitor = checked.monitor_code(drive_v, &board.converters);
             let Some(drive) = session.exchange(zero, monitor)? else { continue };
             drive_v = drive.drive_v;
-            if drive.mode == ModeName::Idle as u8 || (drive.mode == ModeName::Fault as u8 && drive_v == 0.0) {
+            is_at_rest = is_safe(drive.mode, f64::from(drive_v)) || drive.mode == ModeName::Idle as u8;
+            if is_at_rest {
                 break;
             }
+        }
+        if !is_at_rest {
+            return Err(SessionError::NotAtRest.into());
         }
     }
     if fault.is_some() {
         session.order(&ToBoard::ClearFault)?;
     }
     Ok(())
+}
+
+/// Whether a board in this mode has come to 0 V because of a fault.
+pub fn is_safe(mode: u8, command_v: f64) -> bool {
+    mode == ModeName::Fault as u8 && command_v == 0.0
 }
 
 fn in_fault<E>(fault: FaultCode) -> LockstepError<E> {
@@ -289,7 +303,7 @@ pub(crate) fn start<L: Link, E>(session: &mut Session<L>) -> Result<(), Lockstep
 }
 
 /// Runs a prepared board against the plant; `setup`'s latency is [`Ready::latency_s`]. Each row is given to `on_row` as it is made; if that fails,
-/// the board is stopped and the failure returned. The board ends idle or in its fault, at 0 V.
+/// the board is stopped and the failure returned. The board ends idle or in its fault, at 0 V; after a fault the rows end where 0 V are reached.
 ///
 /// # Errors
 /// [`LockstepError`]. A fault of the board is none, the outcome says it.
@@ -313,26 +327,25 @@ pub fn run_on<L: Link, E>(
     samples: usize,
     on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
-    let at_once = |session: &mut Session<L>, bench: &mut Bench, last: &Row, _: &mut Outcome| {
-        sample(session, ready, bench, last).map(|(row, _)| row)
-    };
+    let at_once =
+        |session: &mut Session<L>, bench: &mut Bench, last: &Row, _: &mut Outcome| sample(session, ready, bench, last);
     play(session, ready, bench, samples, at_once, on_row)
 }
 
-/// The loop of a run, whenever its samples are due: `next` makes the row after the one it is given, numbered as it.
+/// The loop of a run, whenever its samples are due: `next` makes the row after the one it is given, numbered as it, and tells the mode, as [`sample`].
 pub(crate) fn play<L: Link, E>(
     session: &mut Session<L>,
     ready: &Ready,
     bench: &mut Bench,
     samples: usize,
-    mut next: impl FnMut(&mut Session<L>, &mut Bench, &Row, &mut Outcome) -> Result<Row, SessionError>,
+    mut next: impl FnMut(&mut Session<L>, &mut Bench, &Row, &mut Outcome) -> Result<(Row, Option<u8>), SessionError>,
     mut on_row: impl FnMut(&mut Session<L>, &Row) -> Result<(), E>,
 ) -> Result<Outcome, LockstepError<E>> {
     let mut outcome = Outcome::default();
     start(session)?;
     let mut last = Row::BEFORE;
     for index in 0..samples {
-        let row = next(session, bench, &Row { index, ..last }, &mut outcome)?;
+        let (row, mode) = next(session, bench, &Row { index, ..last }, &mut outcome)?;
         outcome.peak_m = outcome.peak_m.max(bench.moved_m().abs());
         if row.is_lost {
             outcome.lost.push(index);
@@ -346,6 +359,9 @@ pub(crate) fn play<L: Link, E>(
         }
         bench.apply(row.command_v);
         last = row;
+        if mode.is_some_and(|mode| is_safe(mode, row.command_v)) {
+            break;
+        }
     }
     outcome.fault = FaultCode::from_number(session.status()?.fault);
     end(session, ready, bench, &last)?;
@@ -384,7 +400,7 @@ pub fn sample<L: Link>(
     })
 }
 
-/// Stops the loop and goes on until the board is at 0 V, so that the next run finds it idle.
+/// Stops the loop and goes on until the board is at 0 V, so that the next run finds it idle. One that does not come there is an error.
 pub(crate) fn end<L: Link>(
     session: &mut Session<L>,
     ready: &Ready,
@@ -397,7 +413,7 @@ pub(crate) fn end<L: Link>(
         session.stop()?;
     }
     let mut last = *last;
-    for _ in 0..(END_S * f64::from(ready.parameters.rate_hz)) as u64 {
+    for _ in 0..samples_to_rest(&ready.parameters) {
         let (row, mode) = sample(session, ready, bench, &last)?;
         if mode == Some(ModeName::Idle as u8) {
             // A convenience for whoever comes next, who does the same: not worth a failure on a bad line.
@@ -406,11 +422,11 @@ pub(crate) fn end<L: Link>(
                 done => done,
             };
         }
-        if mode == Some(ModeName::Fault as u8) && row.command_v == 0.0 {
-            break;
+        if mode.is_some_and(|mode| is_safe(mode, row.command_v)) {
+            return Ok(());
         }
         bench.apply(row.command_v);
         last = row;
     }
-    Ok(())
+    Err(SessionError::NotAtRest)
 }

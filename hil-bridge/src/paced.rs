@@ -53,8 +53,8 @@ pub fn check(statistics: &Statistics, rate_hz: f64) -> Result<(), TooFast> {
     Err(TooFast { rate_hz, round_trip_s: 0.5 / most_hz, most_hz })
 }
 
-/// As [`crate::lockstep::run_on`], by the link's clock. The bench's latency is [`latency_s`]. Samples whose answer came too late, or that
-/// began late because of one, are the outcome's overruns.
+/// As [`crate::lockstep::run_on`], by the link's clock. The bench's latency is [`latency_s`]. Samples whose answer came too late are the outcome's
+/// overruns; those that began too late though no answer held them up, its slips.
 ///
 /// # Errors
 /// [`LockstepError`]. A fault of the board is none, the outcome says it.
@@ -71,22 +71,29 @@ pub fn run<L: Link, E>(
     // two samples come closer.
     let mut begun = None;
     let mut due = 0;
+    // The sample before was lost or answered late: what it takes of the next one's time is counted there.
+    let mut is_held_up = false;
     let when_due = |session: &mut Session<L>, bench: &mut Bench, last: &Row, outcome: &mut Outcome| {
         let now = session.link().now();
         let at = *begun.get_or_insert(now) + Duration::from_secs_f64(f64::from(due) / rate_hz);
-        if now < at {
+        let is_in_time = now < at;
+        if is_in_time {
             session.link().pause(at - now)?;
-        } else if now > at + half {
-            (begun, due) = (Some(now), 0);
+        }
+        let sampled = session.link().now();
+        if sampled > at + half {
+            (begun, due) = (Some(sampled), 0);
+            outcome.slips += usize::from(is_in_time || !is_held_up);
         }
         due += 1;
-        let sampled = session.link().now();
-        let (mut row, _) = sample(session, ready, bench, last)?;
-        if session.link().now().saturating_sub(sampled) > half && !row.is_lost {
+        let (mut row, mode) = sample(session, ready, bench, last)?;
+        let is_late = session.link().now().saturating_sub(sampled) > half;
+        is_held_up = row.is_lost || is_late;
+        if is_late && !row.is_lost {
             outcome.overruns += 1;
             row.command_v = last.command_v;
         }
-        Ok(row)
+        Ok((row, mode))
     };
     play(session, ready, bench, samples, when_due, on_row)
 }

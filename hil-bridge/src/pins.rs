@@ -4,7 +4,7 @@
 //! fault of the board's own, which ends at 0 V.
 
 use crate::link::Link;
-use crate::lockstep::{LockstepError, Outcome, Ready, Row, start};
+use crate::lockstep::{LockstepError, Outcome, Ready, Row, is_safe, start};
 use crate::session::{Block, Session, SessionError};
 use control_core::{AdcCode, DacCode, FaultCode, ModeName};
 use std::ops::ControlFlow;
@@ -152,8 +152,7 @@ impl Record<'_> {
             self.outcome.peak_m = self.outcome.peak_m.max(row.displacement_m.abs());
             self.outcome.limited.count(row.limited_by);
             on_row(&row)?;
-            let is_safe = mode == ModeName::Fault as u8 && row.command_v == 0.0;
-            if is_safe || index + 1 == self.samples {
+            if is_safe(mode, row.command_v) || index + 1 == self.samples {
                 return Ok(ControlFlow::Break(()));
             }
         }
@@ -215,11 +214,15 @@ fn alive(parameters: &Parameters) -> Duration {
     Duration::try_from_secs_f32(parameters.link_timeout_s / TIMES).map_or(ALIVE, |time| time.min(ALIVE))
 }
 
-/// How long the way to 0 V takes at the most: the ramp is steepest in its middle, 15/8 of its mean.
+/// How long the way to 0 V takes at the most. A set that a board has and this program would refuse may be of any slope.
 fn ramp(parameters: &Parameters) -> Duration {
-    let most_v = parameters.drive_min_v.abs().max(parameters.drive_max_v.abs());
-    let seconds = 1.875 * most_v / parameters.slew_v_per_s + 2.0 / parameters.rate_hz;
-    Duration::try_from_secs_f32(seconds).map_or(LONGEST_RAMP, |ramp| ramp.min(LONGEST_RAMP))
+    Duration::try_from_secs_f32(parameters.way_to_zero_s()).map_or(LONGEST_RAMP, |ramp| ramp.min(LONGEST_RAMP))
+}
+
+/// Samples that the way to 0 V takes at the most where a host's samples move it on: twice its ramp and a second, because a bad line loses some.
+pub fn samples_to_rest(parameters: &Parameters) -> u64 {
+    let seconds = 2.0 * ramp(parameters).as_secs_f64() + 1.0;
+    (seconds * f64::from(parameters.rate_hz)) as u64
 }
 
 /// Stops the loop, waits for 0 V and ends the stream.

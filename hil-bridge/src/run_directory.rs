@@ -27,7 +27,7 @@ pub(crate) const STATE: Duration = Duration::from_secs(1);
 /// Lost samples that are listed one by one.
 const LISTED: usize = 1000;
 
-/// Why a run can't be kept.
+/// Why a run can't be kept, or goes on no longer.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum RunError {
@@ -37,6 +37,9 @@ pub enum RunError {
     Unwritable { path: PathBuf, source: io::Error },
     #[error(transparent)]
     Log(#[from] LogError),
+    /// Whoever writes it was asked to end.
+    #[error("interrupted: what was recorded before is there")]
+    Interrupted,
 }
 
 /// What a run is made from.
@@ -193,6 +196,7 @@ impl RunDirectory {
         if let Some(outcome) = outcome {
             value["lost_samples_total"] = outcome.lost.len().into();
             value["overruns"] = outcome.overruns.into();
+            value["slips"] = outcome.slips.into();
             value["limited_samples"] = outcome.limited.samples.into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();

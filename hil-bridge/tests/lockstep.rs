@@ -3,13 +3,13 @@
 
 mod support;
 
-use control_core::{FaultCode, ModeName};
+use control_core::{FaultCode, ModeName, Settings};
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
-use hil_bridge::lockstep::{LockstepError, Task, prepare, prepare_task, probe, run};
+use hil_bridge::lockstep::{LockstepError, Row, Task, prepare, prepare_task, probe, run, run_on};
 use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
-use plant_sim::experiment::{Program, Setup, closed_loop};
+use plant_sim::experiment::{Bench, Program, Setup, closed_loop};
 use plant_sim::replay::Start;
 use plant_sim::spec::Spec;
 use support::{RATE_HZ, SPEC, bench, image, lockstep, noisy, pi1, served, waveform};
@@ -19,7 +19,7 @@ use wire::{InputSource, ToBoard};
 const SAMPLES: usize = 600;
 
 /// The rows of the board in process, which the other links are held against.
-fn in_process(seed: u64) -> Vec<hil_bridge::lockstep::Row> {
+fn in_process(seed: u64) -> Vec<Row> {
     let done = lockstep(&mut Session::new(InProcess::nucleo()), &noisy(), SPEC, SAMPLES, seed).unwrap();
     assert_eq!(done.outcome.fault, None);
     assert!(done.outcome.lost.is_empty());
@@ -82,7 +82,7 @@ fn the_loop_is_that_of_simulate_up_to_the_converters() {
     let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s: 10e-6, seed: 1 };
     let program = Program::new(&Spec::parse("step:40um@0.03s").unwrap(), RATE_HZ).unwrap();
     let ideal = closed_loop(&setup, &pi1(), &program, &|_| ()).unwrap();
-    let square = |(row, ideal_m): (&hil_bridge::lockstep::Row, &f64)| (row.displacement_m - ideal_m).powi(2);
+    let square = |(row, ideal_m): (&Row, &f64)| (row.displacement_m - ideal_m).powi(2);
     let sum: f64 = rows.iter().zip(&ideal.displacement_m).map(square).sum();
     let rms_m = (sum / SAMPLES as f64).sqrt();
     // The ADC's step is 63.5 nm, 18 nm rms; the DAC's 50 mV are 95 nm at 530 kV/m, 27 nm rms, which the loop shapes. Four times both
@@ -123,6 +123,7 @@ fn a_plant_beyond_the_guard_ends_in_a_fault_at_0_v_and_is_cleared_only_when_told
     assert_eq!(done.outcome.fault, Some(FaultCode::DisplacementTrip));
     assert_eq!(done.rows.last().unwrap().command_v, 0.0);
     assert!(done.rows.last().unwrap().limited_by.is_safe_state());
+    assert!(done.rows.len() < SAMPLES, "nothing is recorded behind it");
     let again = lockstep(&mut session, &noisy(), SPEC, 10, 1);
     assert!(matches!(again, Err(LockstepError::InFault { .. })));
     prepare::<_, std::convert::Infallible>(&mut session, &pi1(), &waveform(SPEC), true).unwrap();
@@ -139,8 +140,52 @@ fn driven(volts: u32) -> (bool, f64) {
     let start = Start::relaxed(&chain);
     let latency_s = ready.latency_s;
     let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples: SAMPLES, latency_s, seed: 1 };
-    let outcome = run(&mut session, &ready, &setup, |_, _| Ok::<(), std::convert::Infallible>(())).unwrap();
-    (outcome.fault == Some(FaultCode::DisplacementTrip), outcome.peak_m)
+    let mut bench = Bench::new(&setup);
+    let keep = |_: &mut Session<InProcess>, _: &Row| Ok::<(), std::convert::Infallible>(());
+    let outcome = run_on(&mut session, &ready, &mut bench, SAMPLES, keep).unwrap();
+    // The run ends with the drive; the stage is still under way then.
+    let peak_m = (0..SAMPLES).fold(outcome.peak_m, |most_m, _| {
+        bench.apply(0.0);
+        most_m.max(bench.moved_m().abs())
+    });
+    (outcome.fault == Some(FaultCode::DisplacementTrip), peak_m)
+}
+
+/// A slew limit that a board takes may need ten seconds to 0 V. Neither a run's end nor the next host's beginning is too early for it.
+#[test]
+fn a_slow_ramp_is_waited_for() {
+    let settings = Settings { drive_min_v: -10.0, drive_max_v: 10.0, slew_v_per_s: 4.0, ..pi1() };
+    let (chain, waveform, input) = (noisy(), waveform("hold:4V"), InputSource::Bridge);
+    let mut session = Session::new(InProcess::nucleo());
+    let task = Task {
+        own: None,
+        settings: Some(&settings),
+        rate_hz: RATE_HZ,
+        waveform: &waveform,
+        is_closed_loop: false,
+        input,
+    };
+    let ready = prepare_task::<_, std::convert::Infallible>(&mut session, &task, false).unwrap();
+    let start = Start::relaxed(&chain);
+    // A second up, and 15/8 of one down again.
+    let samples = RATE_HZ as usize;
+    let setup = Setup { chain: &chain, start: &start, rate_hz: RATE_HZ, samples, latency_s: 10e-6, seed: 1 };
+    let mut last_v = 0.0;
+    let outcome = run(&mut session, &ready, &setup, |_, row| {
+        last_v = row.command_v;
+        Ok::<(), std::convert::Infallible>(())
+    });
+    // A code of the DAC is 50 mV.
+    assert!((last_v - 4.0).abs() < 0.06 && outcome.unwrap().fault.is_none(), "{last_v}");
+    assert_eq!(session.status().unwrap().mode, ModeName::Idle as u8);
+
+    prepare_task::<_, std::convert::Infallible>(&mut session, &task, false).unwrap();
+    session.order(&ToBoard::Arm).unwrap();
+    session.order(&ToBoard::Run).unwrap();
+    for _ in 0..samples {
+        session.exchange(2048, 2048).unwrap();
+    }
+    prepare_task::<_, std::convert::Infallible>(&mut session, &task, false).unwrap();
 }
 
 /// The trip watches where the stage is, and stops the drive: what has been set in motion goes on. That is why `record` asks the plant first.

@@ -76,8 +76,8 @@ fn pi2() -> Settings {
     Controller::read(&root().join("controllers/pi2.toml")).unwrap().settings(RATE_HZ)
 }
 
-/// A paced run: its rows, its outcome, and when its samples went out.
-fn paced(slow: Option<(u32, Duration)>) -> (Vec<Row>, Outcome, Vec<Duration>) {
+/// A paced run: its rows, its outcome, and when its samples went out. The host is elsewhere after every `stalled`th row.
+fn paced(slow: Option<(u32, Duration)>, stalled: Option<(usize, Duration)>) -> (Vec<Row>, Outcome, Vec<Duration>) {
     let mut chain = noisy();
     chain.sensor.noise_m = 0.0;
     let mut session = Session::new(Timed::new());
@@ -90,8 +90,11 @@ fn paced(slow: Option<(u32, Duration)>) -> (Vec<Row>, Outcome, Vec<Duration>) {
     session.link().slow = slow;
     // Arm and run come first.
     let before = session.link().sent_at.len() + 2;
-    let outcome = run(&mut session, &ready, &mut Bench::new(&setup), SAMPLES, |_, row| {
+    let outcome = run(&mut session, &ready, &mut Bench::new(&setup), SAMPLES, |session, row| {
         rows.push(*row);
+        if let Some((_, time)) = stalled.filter(|(every, _)| rows.len().is_multiple_of(*every)) {
+            session.link().now += time;
+        }
         Ok::<(), Infallible>(())
     })
     .unwrap();
@@ -102,8 +105,8 @@ fn paced(slow: Option<(u32, Duration)>) -> (Vec<Row>, Outcome, Vec<Duration>) {
 
 #[test]
 fn samples_go_out_on_the_clock_and_the_loop_is_the_one_with_half_a_sample_of_delay() {
-    let (rows, outcome, sent_at) = paced(None);
-    assert_eq!((outcome.overruns, outcome.lost.len(), outcome.fault), (0, 0, None));
+    let (rows, outcome, sent_at) = paced(None, None);
+    assert_eq!((outcome.overruns, outcome.slips, outcome.lost.len(), outcome.fault), (0, 0, 0, None));
     for (k, at) in sent_at.iter().enumerate() {
         // Durations are whole nanoseconds.
         assert_eq!((*at - sent_at[0]).as_nanos(), 200_000 * k as u128);
@@ -123,18 +126,28 @@ fn samples_go_out_on_the_clock_and_the_loop_is_the_one_with_half_a_sample_of_del
 #[test]
 fn an_answer_that_comes_too_late_is_not_applied_and_moves_the_clock_only_if_it_must() {
     // Beyond half a sample of 200 us, and within the sample: held, and the next one is on time.
-    let (rows, outcome, sent_at) = paced(Some((50, Duration::from_micros(120))));
+    let (rows, outcome, sent_at) = paced(Some((50, Duration::from_micros(120))), None);
     assert!((9..=11).contains(&outcome.overruns), "{}", outcome.overruns);
     let held = rows.windows(2).filter(|two| two[0].command_v == two[1].command_v).count();
     assert!(held >= outcome.overruns, "{held}");
     assert_eq!((sent_at[SAMPLES - 1] - sent_at[0]).as_nanos(), 200_000 * (SAMPLES as u128 - 1));
     // Two samples late: the clock begins anew, and no two samples come closer than they may.
-    let (_, outcome, sent_at) = paced(Some((50, Duration::from_micros(400))));
+    let (_, outcome, sent_at) = paced(Some((50, Duration::from_micros(400))), None);
     assert!((9..=11).contains(&outcome.overruns) && outcome.fault.is_none(), "{outcome:?}");
     assert!(sent_at.windows(2).all(|two| two[1] - two[0] >= Duration::from_micros(99)), "too close");
     let slip = sent_at[SAMPLES - 1] - sent_at[0] - Duration::from_micros(200 * (SAMPLES as u64 - 1));
     // Each time 430 us from the request to the next one, in place of 200.
     assert_eq!(slip.as_micros() / 230, outcome.overruns as u128, "{slip:?}");
+    assert_eq!(outcome.slips, 0, "the link's doing is counted once");
+}
+
+#[test]
+fn a_host_that_is_elsewhere_is_counted_and_moves_the_clock() {
+    // 330 us from the request to the next one, in place of 200; behind the last row nothing is late.
+    let (rows, outcome, sent_at) = paced(None, Some((50, Duration::from_micros(300))));
+    assert_eq!((outcome.slips, outcome.overruns, outcome.lost.len()), (9, 0, 0));
+    let slip = sent_at[SAMPLES - 1] - sent_at[0] - Duration::from_micros(200 * (SAMPLES as u64 - 1));
+    assert_eq!((slip.as_micros(), rows.len()), (9 * 130, SAMPLES));
 }
 
 #[test]

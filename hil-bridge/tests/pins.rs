@@ -8,7 +8,7 @@ use hil_bridge::faulty::Faulty;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
 use hil_bridge::link::{Link, LinkError};
-use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, prepare_task};
+use hil_bridge::lockstep::{LockstepError, Outcome, Ready, Row, Task, idle, prepare_task};
 use hil_bridge::pins;
 use hil_bridge::session::Session;
 use plant_sim::replay::Start;
@@ -271,6 +271,21 @@ fn a_fault_ends_the_record_at_0_v_and_a_full_disk_the_run() {
     let full = |_: &mut Session<InVirtual>, row: &Row| if row.index == 100 { Err("the disk is full") } else { Ok(()) };
     assert!(matches!(pins::run(&mut session, &ready, SAMPLES, full), Err(LockstepError::Row("the disk is full"))));
     assert_eq!(session.status().unwrap().mode, ModeName::Idle as u8);
+}
+
+#[test]
+fn a_stream_that_a_killed_host_left_on_ends_with_the_next_call() {
+    let Some(image) = image() else { return };
+    let mut session = Session::new(InVirtual::new(&image, &bench(), RATE_HZ).unwrap());
+    assert_eq!(session.start_stream().unwrap(), 1);
+    idle::<_, Infallible>(&mut session, false).unwrap();
+    // A block takes 2.4 ms; what was on its way comes first.
+    let mut last = Vec::new();
+    for _ in 0..20 {
+        last.clear();
+        session.link().receive(Duration::from_millis(10), &mut last).unwrap();
+    }
+    assert!(last.is_empty(), "{} bytes", last.len());
 }
 
 #[test]

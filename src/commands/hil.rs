@@ -2,7 +2,7 @@
 
 use crate::arguments::{HilCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, in_fault, link_facts, open, put_back, session};
+use crate::commands::link::{ended, faults, go_on, heed_signals, in_fault, link_facts, open, put_back, session};
 use crate::commands::loops::Free;
 use crate::failure::Failure;
 use crate::output;
@@ -73,11 +73,12 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     let mut warnings = output::about(plant, model.live_warnings());
     let free = if call.paced { Free::Neither } else { Free::Rate };
     warnings.extend(board::loop_warnings(controller, &settings, call.rate, latency_s, &model, free)?);
+    heed_signals()?;
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     let own = session.parameters()?;
     let samples = samples as usize;
-    let run = |session: &mut Session<Faulty<Box<dyn Link>>>| -> Result<(Outcome, Vec<String>), Failure> {
+    let run = |session: &mut Session<Faulty<Box<dyn Link>>>| -> Result<(Outcome, usize, Vec<String>), Failure> {
         let mut ready = prepare::<_, RunError>(session, &settings, &waveform, false)?;
         let mut told = Vec::new();
         if call.paced {
@@ -114,7 +115,9 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
         )?;
         let bar = output::bar(samples as u64, "running the board");
         let report_every = (samples / 200).max(1);
+        let mut rows = 0;
         let on_row = |session: &mut Session<_>, row: &Row| {
+            rows = row.index + 1;
             if row.index.is_multiple_of(report_every) {
                 bar.set_position(row.index as u64);
             }
@@ -122,30 +125,32 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
             let link: &mut Faulty<Box<dyn Link>> = session.link();
             link.switch(faults.is_some());
             let now = session.link().now();
-            directory.row(row, now, session.statistics())
+            directory.row(row, now, session.statistics())?;
+            go_on()
         };
         let mut bench = Bench::new(&setup);
-        let ended = if call.paced {
+        let played = if call.paced {
             paced::run(session, &ready, &mut bench, samples, on_row)
         } else {
             run_on(session, &ready, &mut bench, samples, on_row)
         };
         bar.finish_and_clear();
-        let outcome = match ended {
+        let outcome = match played {
             Ok(outcome) => outcome,
             Err(error) => {
                 // Why it ended matters more than that this can't be written either.
                 let _ = directory.keep(session.statistics());
-                return Err(error.into());
+                return Err(ended(error, session, out));
             }
         };
         directory.finish(session.statistics(), &outcome)?;
-        Ok((outcome, told))
+        Ok((outcome, rows, told))
     };
-    let ended = run(&mut session);
+    let done = run(&mut session);
     // Whatever came of it. A bad line made on purpose is none of the next call's either.
     session.link().switch(false);
-    let ((outcome, told), stays) = put_back(&mut session, own, &[own.with_settings(&settings)], ended)?;
+    // After a fault there are fewer samples than were asked for.
+    let ((outcome, samples, told), stays) = put_back(&mut session, own, &[own.with_settings(&settings)], done)?;
     if !outcome.lost.is_empty() {
         warnings.push(format!(
             "{} of {samples} samples were lost on the link, where the drive was held: another run gives other bits",
@@ -154,6 +159,12 @@ pub fn hil(call: &HilCall) -> Result<(), Failure> {
     }
     if outcome.overruns > 0 {
         warnings.push(format!("{} of {samples} answers came too late: the drive was held", outcome.overruns));
+    }
+    if outcome.slips > 0 {
+        warnings.push(format!(
+            "{} of {samples} samples began late because this machine was busy: the plant's time stood still meanwhile",
+            outcome.slips
+        ));
     }
     if outcome.fault.is_none() {
         warnings.extend(outcome.limited.warning(samples, true));
@@ -205,6 +216,7 @@ fn say(call: &HilCall, board: &Board, statistics: &Statistics, run: Option<(&Out
             value["samples"] = samples.into();
             value["lost_samples"] = outcome.lost.len().into();
             value["overruns"] = outcome.overruns.into();
+            value["slips"] = outcome.slips.into();
             value["limited_samples"] = outcome.limited.samples.into();
             value["fault"] = outcome.fault.map_or("none", |fault| fault.word()).into();
             value["peak_um"] = (outcome.peak_m * 1e6).into();

@@ -4,20 +4,71 @@ use crate::arguments::BoardArguments;
 use crate::commands::board_serve;
 use crate::failure::Failure;
 use crate::output;
+use bench_page::ending::watch;
 use bench_page::engine::Open;
-use control_core::FaultCode;
+use control_core::{FaultCode, ModeName};
 use hil_bridge::faulty::Faults;
 use hil_bridge::in_process::InProcess;
 use hil_bridge::in_virtual::InVirtual;
 use hil_bridge::link::{Link, Place};
-use hil_bridge::lockstep;
+use hil_bridge::lockstep::{self, LockstepError};
+use hil_bridge::run_directory::RunError;
 use hil_bridge::session::Session;
 use hil_bridge::tcp::Tcp;
 use plant_sim::model::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use virtual_board::Image;
 use wire::Parameters;
+
+/// Whether the call was asked to end, by Ctrl-C or by a signal.
+static IS_ASKED_TO_END: AtomicBool = AtomicBool::new(false);
+
+/// From here on a run that is asked to end does so between two of its rows, its board stopped and given back what it was set to; asked once more the
+/// process ends at once.
+pub fn heed_signals() -> Result<(), Failure> {
+    let unheard =
+        |error: std::io::Error| Failure::interrupted(format!("signals that end a run can't be listened to: {error}"));
+    watch(&IS_ASKED_TO_END, end_at_once).map_err(unheard)
+}
+
+fn end_at_once() {
+    let failure = Failure::interrupted(
+        "interrupted once more: the board was not left in order; one that drives its own pins ramps to 0 V when it misses its host: look at the bench",
+    );
+    output::complain(&format!("hysteron: {}", failure.line()));
+    std::process::exit(failure.code.into());
+}
+
+/// Whether the call was asked to end.
+pub fn is_asked_to_end() -> bool {
+    IS_ASKED_TO_END.load(Ordering::Relaxed)
+}
+
+/// What a row ends in: an error where the run is to end with it.
+pub fn go_on() -> Result<(), RunError> {
+    if is_asked_to_end() { Err(RunError::Interrupted) } else { Ok(()) }
+}
+
+/// Why a run into `out` ended.
+pub fn ended<L: Link>(error: LockstepError<RunError>, session: &mut Session<L>, out: &Path) -> Failure {
+    match error {
+        LockstepError::Row(RunError::Interrupted) => interrupted(session, out),
+        error => error.into(),
+    }
+}
+
+/// A run into `out` that was asked to end, and whether its board is at rest behind it.
+pub fn interrupted<L: Link>(session: &mut Session<L>, out: &Path) -> Failure {
+    let is_idle = session.status().is_ok_and(|status| status.mode == ModeName::Idle as u8);
+    let board = if is_idle {
+        "the board is stopped, at 0 V"
+    } else {
+        "whether the board is at 0 V it does not say: press the wired stop, and look at the bench"
+    };
+    Failure::interrupted(format!("interrupted: {} ends with what was recorded before; {board}", out.display()))
+}
 
 /// A conversation over `link`, as patient as the call says.
 pub fn session<L: Link>(at: &BoardArguments, link: L) -> Session<L> {

@@ -2,7 +2,10 @@
 
 use crate::arguments::{RecordCall, spec_files};
 use crate::commands::board;
-use crate::commands::link::{faults, in_fault, leaving, link_facts, open, put_back, session};
+use crate::commands::link::{
+    ended, faults, go_on, heed_signals, in_fault, interrupted, is_asked_to_end, leaving, link_facts, open, put_back,
+    session,
+};
 use crate::commands::loops::{Free, within_rig};
 use crate::failure::Failure;
 use crate::output;
@@ -50,6 +53,8 @@ struct Plan {
 struct Ending {
     /// Of each experiment that was begun.
     outcomes: Vec<Outcome>,
+    /// How many samples of each there are, lost ones among them: after a fault fewer than were asked for.
+    samples: Vec<usize>,
     /// The fault that came while demagnetising before the one that is next.
     before: Option<FaultCode>,
 }
@@ -76,6 +81,7 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
     let mut session = session(&call.at, Faulty::new(link, faults.unwrap_or_default(), call.seed));
     let board = session.greet()?;
     let mut warnings = check(call, &plan, &board, model.as_ref())?;
+    heed_signals()?;
     // Idle first: of a board that does something else nothing is changed, and nothing put back.
     idle::<_, RunError>(&mut session, call.clear_fault)?;
     // What drives in open loop does so within the board's own limits, whatever controller ran before it.
@@ -119,8 +125,8 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
         let mut recording = Recording::create(&call.out, &facts)?;
         // Now that nothing is refused any more, and before anything moves.
         output::warn(&warnings);
-        let ended = play(call, &plan, &facts, session, bench.as_mut(), &mut recording, faults.is_some());
-        let ending = match ended {
+        let played = play(call, &plan, &facts, session, bench.as_mut(), &mut recording, faults.is_some());
+        let ending = match played {
             Ok(ending) => ending,
             Err(failure) => {
                 // Why it ended matters more than that this can't be written either.
@@ -137,19 +143,19 @@ pub fn record(call: &RecordCall) -> Result<(), Failure> {
         }
         Ok((ending, names))
     };
-    let ended = record_all(&mut session);
+    let done = record_all(&mut session);
     // Whatever came of it.
     let mut others: Vec<Parameters> = plan.settings.iter().map(|settings| own.with_settings(settings)).collect();
     others.push(Parameters { rate_hz: call.rate as f32, ..own });
-    let ((ending, names), stays) = put_back(&mut session, own, &others, ended)?;
+    let ((ending, names), stays) = put_back(&mut session, own, &others, done)?;
     let limited = |((experiment, outcome), (name, samples)): ((&Experiment, &Outcome), (&String, &usize))| {
         let warning = outcome.limited.warning(*samples, experiment.controller.is_some());
         warning.filter(|_| outcome.fault.is_none()).map(|warning| format!("{name}: {warning}"))
     };
-    let played = plan.experiments.iter().zip(&ending.outcomes).zip(names.iter().zip(&samples));
+    let played = plan.experiments.iter().zip(&ending.outcomes).zip(names.iter().zip(&ending.samples));
     output::warn(&played.filter_map(limited).collect::<Vec<_>>());
     output::warn(stays.as_slice());
-    say(call, &board, &session.statistics().json(), &names, &ending.outcomes, &samples);
+    say(call, &board, &session.statistics().json(), &names, &ending);
     verdict(call, &names, &ending)
 }
 
@@ -343,27 +349,37 @@ fn play<L: Link>(
     for (index, (experiment, played)) in plan.experiments.iter().zip(&plan.played).enumerate() {
         if let Some((_, before)) = &plan.before {
             let ready = prepare(call, plan, session, None, before)?;
-            ending.before = run(session, &ready, bench.as_deref_mut(), before.samples, |_, _| Ok(()))?.fault;
+            let demagnetised = run(session, &ready, bench.as_deref_mut(), before.samples, |_, _| go_on());
+            ending.before = demagnetised.map_err(|error| ended(error, session, &call.out))?.fault;
             if ending.before.is_some() {
                 break;
             }
         }
+        // Nothing moves any more for who was asked to end meanwhile.
+        if is_asked_to_end() {
+            return Err(interrupted(session, &call.out));
+        }
         let ready = prepare(call, plan, session, experiment.controller, played)?;
         recording.begin(index, &ready, facts)?;
+        let mut rows = 0;
         let outcome = run(session, &ready, bench.as_deref_mut(), played.samples, |session, row| {
+            rows = row.index + 1;
             if row.index.is_multiple_of(1000) {
                 bar.set_position((done + row.index) as u64);
             }
             // Not before the loop runs: what starts it is not what such a run is about.
             session.link().switch(is_faulty);
             let now = session.link().now();
-            recording.row(index, row, now, session.statistics())
+            recording.row(index, row, now, session.statistics())?;
+            go_on()
         });
         session.link().switch(false);
-        let outcome = outcome?;
+        let outcome = outcome.map_err(|error| ended(error, session, &call.out))?;
         recording.end(index, session.statistics(), &outcome)?;
         done += played.samples;
         let is_over = outcome.fault.is_some();
+        // The last ones may be lost.
+        ending.samples.push(outcome.lost.last().map_or(rows, |lost| rows.max(lost + 1)));
         ending.outcomes.push(outcome);
         if is_over {
             break;
@@ -414,14 +430,8 @@ fn verdict(call: &RecordCall, names: &[String], ending: &Ending) -> Result<(), F
     }
 }
 
-fn say(
-    call: &RecordCall,
-    board: &Board,
-    link: &serde_json::Value,
-    names: &[String],
-    outcomes: &[Outcome],
-    samples: &[usize],
-) {
+fn say(call: &RecordCall, board: &Board, link: &serde_json::Value, names: &[String], ending: &Ending) {
+    let Ending { outcomes, samples, .. } = ending;
     if call.json {
         let log = |((name, outcome), samples): ((&String, &Outcome), &usize)| {
             json!({

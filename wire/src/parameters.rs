@@ -157,6 +157,8 @@ impl From<SettingsError> for ParameterError {
 
 /// Longest way from a limit of the drive to 0 V, in seconds. Chosen: who presses a stop waits for it.
 const LONGEST_WAY_S: f32 = 10.0;
+/// The ramp to 0 V is steepest in its middle, and its slope is so many times its mean there ([`control_core::Ramp`]).
+const STEEPEST: f32 = 15.0 / 8.0;
 
 /// A set of parameters that passed [`Parameters::check`], in the form a control interrupt uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -305,6 +307,13 @@ impl Parameters {
         }
     }
 
+    /// How long the way from a limit of the drive to 0 V takes at the most, seconds.
+    pub fn way_to_zero_s(&self) -> f32 {
+        let most_v = self.drive_min_v.abs().max(self.drive_max_v.abs());
+        // The ramp is rounded up to whole samples, and a stop counts from the next one on.
+        STEEPEST * most_v / self.slew_v_per_s + 2.0 / self.rate_hz
+    }
+
     /// The same with another law.
     #[must_use]
     pub fn with_settings(self, settings: &Settings) -> Parameters {
@@ -358,7 +367,7 @@ impl Parameters {
         if self.drive_min_v < low_v - slack_v || self.drive_max_v > high_v + slack_v {
             return Err(ParameterError::BeyondSpan { low_v, high_v });
         }
-        let least_v_per_s = self.drive_max_v.max(-self.drive_min_v) / LONGEST_WAY_S;
+        let least_v_per_s = STEEPEST * self.drive_max_v.max(-self.drive_min_v) / LONGEST_WAY_S;
         if self.slew_v_per_s < least_v_per_s {
             return Err(ParameterError::SlowToZero { least_v_per_s });
         }

@@ -1,6 +1,6 @@
 //! A set of parameters is taken whole or refused with the field that is wrong.
 
-use control_core::SettingsError;
+use control_core::{Ramp, SettingsError};
 use wire::{Converters, ParameterError, Parameters};
 
 const NUCLEO: Converters = Converters::NUCLEO_G474RE;
@@ -40,7 +40,7 @@ fn each_wrong_field_is_named() {
         ),
         (Parameters { rate_hz: 60e3, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
         (Parameters { rate_hz: 0.5, ..good() }, ParameterError::RateOutside { least_hz: 2594, most_hz: 50_000 }),
-        (Parameters { slew_v_per_s: 8.9, ..good() }, ParameterError::SlowToZero { least_v_per_s: 9.0 }),
+        (Parameters { slew_v_per_s: 16.8, ..good() }, ParameterError::SlowToZero { least_v_per_s: 16.875 }),
         (Parameters { trip_m: 131e-6, ..good() }, ParameterError::TripBeyondSensor),
         (
             Parameters { sensor_m_per_v: f32::NAN, ..good() },
@@ -55,6 +55,23 @@ fn each_wrong_field_is_named() {
     }
     let beyond = Parameters { drive_max_v: 92.0, ..good() }.check(&NUCLEO).unwrap_err().to_string();
     assert!(beyond.starts_with("drive_min_v and drive_max_v must lie within -89."), "{beyond}");
+}
+
+/// Ten seconds by the ramp that the board takes, which is steeper in its middle than its mean.
+#[test]
+fn the_slowest_slew_limit_is_at_0_v_within_ten_seconds() {
+    let slowest = Parameters { slew_v_per_s: 16.875, ..good() };
+    assert!(slowest.check(&NUCLEO).is_ok());
+    let mut ramp = Ramp::to_zero(slowest.drive_max_v, slowest.slew_v_per_s / slowest.rate_hz);
+    let mut samples = 0_u32;
+    while !ramp.is_done() {
+        ramp.step();
+        samples += 1;
+    }
+    // Two samples of 50 us: the one that a ramp has more, and one for the rounding of its slope.
+    let way_s = f64::from(samples) / f64::from(slowest.rate_hz);
+    assert!((way_s - 10.0).abs() < 1e-4, "{way_s}");
+    assert!((way_s - 1e-4..way_s + 2e-4).contains(&f64::from(slowest.way_to_zero_s())), "{way_s}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::history::{CHANNELS, Column};
 use crate::recorder::Recorder;
 use control_core::{FaultCode, Generator, GeneratorState, ModeName, Segment};
 use hil_bridge::link::Link;
-use hil_bridge::lockstep::{LockstepError, Ready, Row, idle, prepare, put_back, sample};
+use hil_bridge::lockstep::{LockstepError, Ready, Row, idle, is_safe, prepare, put_back, sample};
 use hil_bridge::recording::MOST_ROWS;
 use hil_bridge::run_directory::RunError;
 use hil_bridge::session::{Session, SessionError};
@@ -55,6 +55,13 @@ struct Line {
     last: Row,
     mode: u8,
     account: Status,
+}
+
+impl Line {
+    /// Whether nothing moves by itself: idle, or at 0 V because of a fault.
+    fn is_at_rest(&self) -> bool {
+        self.mode == ModeName::Idle as u8 || is_safe(self.mode, self.last.command_v)
+    }
 }
 
 /// What plays.
@@ -215,7 +222,11 @@ impl<'a> Worker<'a> {
             match self.orders.recv_timeout(wait) {
                 Ok(order) => self.obey(order),
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
-                Err(mpsc::RecvTimeoutError::Disconnected) => return self.leave(),
+                Err(mpsc::RecvTimeoutError::Disconnected) => {
+                    // Nobody is left to be told.
+                    let _ = self.leave();
+                    return;
+                }
             }
             self.go_on();
             if self.has_left {
@@ -243,25 +254,23 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Ends a recording of a board that is idle and that nobody looks at, and one as long as any: it would go on until the disk is full.
+    /// Ends a recording of a board at rest that nobody looks at, and one as long as any: it would go on until the disk is full.
     fn end_forgotten(&mut self) {
         let Some(recorder) = &self.recorder else { return };
-        let is_idle = self.line.as_ref().is_none_or(|line| line.mode == ModeName::Idle as u8);
+        let is_at_rest = self.line.as_ref().is_none_or(Line::is_at_rest);
         let is_seen = self.shared.watchers.load(Ordering::Relaxed) > 0;
         let is_long = recorder.rows >= MOST_ROWS;
-        if is_long || is_idle && !is_seen && !self.is_set_running {
+        if is_long || is_at_rest && !is_seen && !self.is_set_running {
             let why = if is_long { "is as long as one may be" } else { "was left by every page" };
             self.event(false, format!("the recording {why}, and ends"));
             let _ = self.end_recording(None);
         }
     }
 
-    /// Whether nothing has to move: no board, or an idle one that nobody looks at.
+    /// Whether nothing has to move: no board, or one at rest that nobody looks at.
     fn is_resting(&self) -> bool {
         let Some(line) = &self.line else { return true };
-        line.mode == ModeName::Idle as u8
-            && self.recorder.is_none()
-            && self.shared.watchers.load(Ordering::Relaxed) == 0
+        line.is_at_rest() && self.recorder.is_none() && self.shared.watchers.load(Ordering::Relaxed) == 0
     }
 
     /// Samples that wall time asks for.
@@ -451,17 +460,29 @@ impl<'a> Worker<'a> {
         self.event(true, error.to_string());
     }
 
-    /// The end: the board is left idle, with its own limits.
-    fn leave(&mut self) {
+    /// The end: the board is left at rest, with its own limits; else what it was left with.
+    fn leave(&mut self) -> Result<(), String> {
         let _ = self.end_recording(None);
         let _ = self.stop("hysteron serve has ended");
-        self.settle();
+        let settled = self.settle();
         let _ = self.order(&ToBoard::Input(wire::InputSource::Analog));
-        if let Some(line) = &mut self.line
-            && let Err(error) = put_back(&mut line.session, line.own, line.ready.parameters.rate_hz)
-        {
-            self.event(true, format!("the board keeps the page's limits until it is reset or set anew: {error}"));
+        let Some(line) = &mut self.line else {
+            let why = self.lost.as_deref().unwrap_or("there is no board");
+            return Err(format!(
+                "the board was lost, and may keep the page's limits until it is reset or set anew (`hysteron board parameters`): {why}"
+            ));
+        };
+        let kept = put_back(&mut line.session, line.own, line.ready.parameters.rate_hz).map_err(|error| {
+            format!(
+                "the board keeps the page's limits until it is reset or set anew (`hysteron board parameters`): {error}"
+            )
+        });
+        // What moves is told before what is set.
+        let left = settled.and(kept);
+        if let Err(error) = &left {
+            self.event(true, error.clone());
         }
+        left
     }
 }
 

@@ -87,9 +87,9 @@ impl Worker<'_> {
             Wish::AddEffect => self.add_effect(),
             Wish::Reconnect => self.reconnect(),
             Wish::Leave => {
-                self.leave();
+                let left = self.leave();
                 self.has_left = true;
-                Ok("the board is idle".to_owned())
+                left.map(|()| "the board is idle".to_owned())
             }
             // Answered before, because it takes long.
             Wish::Experiments => Ok(String::new()),

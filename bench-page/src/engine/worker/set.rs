@@ -1,19 +1,18 @@
 //! The experiment set, and what follows from it: a pass with its gap, a diagnosis, the effect in the plant.
 
-use super::{Answer, Play, STATUS, Worker, bench, rms_um};
+use super::{Answer, Line, Play, STATUS, Worker, bench, rms_um};
 use crate::diagnosis;
 use crate::engine::experiments::{self, Experiment};
 use crate::engine::model::Twin;
 use crate::engine::{Pass, Source, Task, lock};
 use crate::recorder::free_name;
 use control_core::ModeName;
+use hil_bridge::pins::samples_to_rest;
+use hil_bridge::session::SessionError;
 use plant_sim::spec::Spec;
 use std::path::PathBuf;
 use virtual_board::waveform::Waveform;
 use wire::ToBoard;
-
-/// Longest way to 0 V, in samples' time; the ramp takes milliseconds.
-const END_S: f64 = 1.0;
 
 impl Worker<'_> {
     /// Runs the experiment set. Armed before, so that it takes two actions, as a run does.
@@ -46,7 +45,7 @@ impl Worker<'_> {
             let _ = recorder.keep(line.session.statistics());
         }
         let _ = self.stop("the experiment set has ended");
-        self.settle();
+        let settled = self.settle();
         if let Ok(play) = self.laid_out(&own) {
             self.play = play;
         }
@@ -57,6 +56,9 @@ impl Worker<'_> {
                 self.event(false, line);
             }
             Err(error) => self.event(true, format!("the experiment set ended early: {error}")),
+        }
+        if let Err(error) = settled {
+            self.event(true, error);
         }
         self.publish();
     }
@@ -119,7 +121,7 @@ impl Worker<'_> {
         if self.mode() == Some(ModeName::Armed) {
             // Armed by hand, with the page's own waveform.
             let _ = self.line()?.session.stop();
-            self.settle();
+            self.settle()?;
         }
         self.arm_board()?;
         self.order(&ToBoard::Run)?;
@@ -154,21 +156,21 @@ impl Worker<'_> {
             self.lose(&error);
             return Err(error.to_string());
         }
-        self.settle();
+        self.settle()?;
         self.gap = gap;
         Ok(())
     }
 
-    /// Goes on until the board is idle.
-    pub(super) fn settle(&mut self) {
-        let mut left = (END_S * self.setting.rate_hz) as u64;
+    /// Goes on until the board is at rest; one that is lost meanwhile is told as such where that was seen.
+    pub(super) fn settle(&mut self) -> Result<(), String> {
+        let mut left = self.line.as_ref().map_or(0, |line| samples_to_rest(&line.ready.parameters));
         while left > 0 {
-            let done = self.chunk(left.min(64));
-            if done == 0 || matches!(self.mode(), None | Some(ModeName::Idle | ModeName::Fault)) {
-                return;
+            left -= self.chunk(left.min(64));
+            if self.line.as_ref().is_none_or(Line::is_at_rest) {
+                return Ok(());
             }
-            left -= done;
         }
+        if self.line.is_none() { Ok(()) } else { Err(SessionError::NotAtRest.to_string()) }
     }
 
     /// Bench and plant back to their starts; the bench's noise goes on with another seed.
@@ -218,6 +220,9 @@ impl Worker<'_> {
     }
 
     pub(super) fn add_effect(&mut self) -> Result<String, String> {
+        if self.recorder.is_some() {
+            return Err("end the recording first: bench and plant begin anew with the effect".to_owned());
+        }
         let Some(mut found) = self.shared.found() else { return Err("diagnose first".to_owned()) };
         if found.is_in_use {
             return Err("the diagnosed plant is in use already".to_owned());
