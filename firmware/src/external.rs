@@ -5,7 +5,7 @@
 //! selects). Compare 4 is the control interrupt, once the conversion is over.
 
 use embassy_stm32::pac;
-use pac::spi::vals::{Bidimode, Bidioe, Br, Ds, Frxth, Mstr};
+use pac::spi::vals::{Bidimode, Bidioe, Br, Cpha, Ds, Frxth, Mstr};
 use pac::timer::vals::{Mms, Mms2, Ocm};
 
 /// Cycles of CONVST's pulse: 0.8 us, longer than the 0.71 us that such an ADC converts for.
@@ -16,6 +16,8 @@ const LATCH_PULSE_CYCLES: u32 = 34;
 pub const TRANSFER_CYCLES: u32 = 80;
 /// Turns of the wait for 16 bits, several times what they take; a bus that hangs reads as a sensor at its rail.
 const WAIT_TURNS: u32 = 100;
+/// SPI_SR: FTLVL, a word that has not begun, and BSY, one on its way.
+const UNDER_WAY: u32 = 0x1880;
 
 /// Pins, both ports, and the DAC's input register at `mid`.
 pub fn begin(mid: u16) {
@@ -37,12 +39,15 @@ pub fn begin(mid: u16) {
         port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
         port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
     }
-    // 170 MHz / 4. The ADC is selected by CONVST, so SPI1 needs no select of its own.
+    // 170 MHz / 4, 23.5 ns. The ADC is selected by CONVST, which puts the MSB out, so SPI1 needs no select of its own. A falling edge puts the next
+    // bit out 3 to 13.4 ns later (TI SBAS569B, th-CK-DO and td-CK-DO): the rising one, after 11.8 ns, is too early for it. The second edge is
+    // the falling one, a whole period later, which takes a bit and puts the next one out: those 3 ns and the way there and back are the hold time.
     pac::SPI1.cr2().write(|w| {
         w.set_ds(Ds::BITS16);
         w.set_frxth(Frxth::HALF);
     });
     pac::SPI1.cr1().write(|w| {
+        w.set_cpha(Cpha::SECOND_EDGE);
         w.set_mstr(Mstr::MASTER);
         w.set_br(Br::DIV4);
         w.set_ssm(true);
@@ -129,4 +134,19 @@ pub fn put_back(code: u16) {
         }
     }
     put(code);
+}
+
+/// `code`, after what is on its way, and back when it is out: a reset in the middle of a word would leave a torn one in the DAC's input register.
+pub fn put_out(code: u16) {
+    wait_until_out();
+    put(code);
+    wait_until_out();
+}
+
+fn wait_until_out() {
+    for _ in 0..WAIT_TURNS {
+        if pac::SPI3.sr().read().0 & UNDER_WAY == 0 {
+            break;
+        }
+    }
 }

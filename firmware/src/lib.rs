@@ -68,6 +68,7 @@ pub trait Board {
     fn put_back(code: u16);
     /// The code that the DAC has latched, where it can be asked.
     fn output() -> Option<u16>;
-    /// The last act of a program that has lost its way: the DAC at mid-code as soon as it can be.
+    /// The last act of a program that has lost its way: the DAC at mid-code as soon as it can be. Nothing is on its way when it returns, as a
+    /// reset may come next.
     fn make_safe();
 }

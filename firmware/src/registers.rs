@@ -385,19 +385,26 @@ pub mod line {
 pub mod flash {
     use super::pac;
 
-    /// A double word that could not be corrected: cleared, and whether it was one of the second bank. The NMI calls it.
-    pub fn take_double_error() -> Option<bool> {
+    /// Whether a double word could not be corrected; cleared. The NMI calls it. Where it lies is not asked: of one that a reset or a power cut
+    /// tore FLASH_ECCR may say something else (ES0430, FLASH_ECCR corrupted upon reset or power-down during program or erase).
+    pub fn take_double_error() -> bool {
         let eccr = pac::FLASH.eccr().read();
-        let is_first = eccr.eccd();
-        if !is_first && !eccr.eccd2() {
-            return None;
-        }
-        // Flags are cleared by writing 1.
+        // Flags are cleared by writing 1. Those of corrected words, too: while one is up no other is set (RM0440, FLASH_ECCR).
         pac::FLASH.eccr().write(|w| {
-            w.set_eccd(is_first);
-            w.set_eccd2(!is_first);
+            w.set_eccc(eccr.eccc());
+            w.set_eccc2(eccr.eccc2());
+            w.set_eccd(eccr.eccd());
+            w.set_eccd2(eccr.eccd2());
         });
-        Some(eccr.bk_ecc())
+        eccr.eccd() || eccr.eccd2()
+    }
+
+    /// Waits until the reads before it are done and an NMI that one of them raised has been taken.
+    pub fn settle() {
+        // Behind them on the way to the flash's controller.
+        let _ = pac::FLASH.eccr().read();
+        cortex_m::asm::dsb();
+        cortex_m::asm::isb();
     }
 
     fn unlock() {

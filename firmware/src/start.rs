@@ -217,9 +217,7 @@ extern "C" fn NonMaskableInt() {
         set_mark(MARK_CLOCK);
         cortex_m::peripheral::SCB::sys_reset();
     }
-    if let Some(is_of_second_bank) = registers::flash::take_double_error()
-        && !(is_of_second_bank && store::note_torn())
-    {
+    if registers::flash::take_double_error() && !store::note_torn() {
         // An instruction or a vector that may be another one.
         stop_for_good();
     }

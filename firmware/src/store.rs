@@ -3,11 +3,12 @@
 //! Each copy has a page of its own: a record of version, generation, length, the set in postcard, the board and a CRC, written word by word
 //! after the page was erased. The copy that is older (or broken) is the one that is written anew. On reading, the newer whole copy counts. Another
 //! board's set counts as broken: its numbers may be right for neither converters nor wires of this one.
-//! A torn double word raises the NMI when it is read; its handler marks that, and the copy counts as broken.
+//! A torn double word raises the NMI when it is read; its handler marks that, and the copy counts as broken. Whatever can't be corrected while a
+//! copy is read is taken for the copy's, since the flash may name another place for it; the program's own would come again.
 
 use crate::registers::flash;
 use core::fmt;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, Ordering, compiler_fence};
 use wire::Parameters;
 
 /// The second bank, and its last two pages: far from a program that might grow.
@@ -69,7 +70,7 @@ enum Copy {
     Whole { generation: u32, parameters: Parameters },
 }
 
-/// Called by the NMI handler where a double word of the second bank could not be corrected; whether it was one of a copy.
+/// Called by the NMI handler where a double word could not be corrected; whether it was one of a copy.
 pub fn note_torn() -> bool {
     IS_TORN.store(true, Ordering::Relaxed);
     IS_READ.load(Ordering::Relaxed)
@@ -145,12 +146,15 @@ fn address(page_idx: usize) -> u32 {
 fn read(page_idx: usize, board: &str) -> Copy {
     IS_TORN.store(false, Ordering::Relaxed);
     IS_READ.store(true, Ordering::Relaxed);
+    // Before the first read, as the NMI sees it.
+    compiler_fence(Ordering::SeqCst);
     let mut record = [0_u8; RECORD_BYTES];
     let (words, _) = record.as_chunks_mut::<4>();
     for (k, word) in words.iter_mut().enumerate() {
         // SAFETY: readable flash. Volatile, because the hardware writes it.
         *word = unsafe { (address(page_idx) as *const u32).add(k).read_volatile() }.to_le_bytes();
     }
+    flash::settle();
     IS_READ.store(false, Ordering::Relaxed);
     if IS_TORN.load(Ordering::Relaxed) {
         return Copy::Broken;

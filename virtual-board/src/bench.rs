@@ -22,7 +22,9 @@ pub enum Wire {
     Whole,
     /// Pulled to ground.
     Shorted,
-    /// Pulled to the supply, by the resistor that is there for it.
+    /// Pulled to the supply, by the resistor that is there for it, between stage and pin. The last code at once: the stage has filter and clamp at its own
+    /// end (docs/wiring.md), so that 47 kOhm charge some 50 pF, 2.4 us, and a wire breaks here right after a sample. Not there: a break within
+    /// 15 us of the next one, and what the ADC's own capacitor carries over from the last.
     Open,
 }
 

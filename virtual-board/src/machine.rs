@@ -425,7 +425,7 @@ impl Machine {
         if self.goes_on_locked && self.core.is_locked_up() {
             return Ok(1);
         }
-        let (before, flags) = (self.core.xpsr(), self.core.fpscr());
+        let (before, flags, stack) = (self.core.xpsr(), self.core.fpscr(), self.core.msp());
         let cycles = self.core.step();
         self.instructions += 1;
         let exception = self.core.current_exception().0;
@@ -433,7 +433,9 @@ impl Machine {
             if self.keeps_flags && self.core.with_sys(|system| system.fpccr & fpccr::LSPACT != 0) {
                 self.core.set_fpscr(flags);
             }
-            self.change_exception(now, exception, before & IT != 0)?;
+            // A handler that returns inside of an IT block, and the next one begins at once, stacks nothing.
+            let is_stacked = self.core.msp() < stack;
+            self.change_exception(now, exception, is_stacked && before & IT != 0)?;
         }
         if let Some(calls) = &mut self.calls {
             let (pc, link) = (self.core.pc(), self.core.reg(14));

@@ -5,8 +5,9 @@ mod support;
 
 use control_core::{AdcCode, Command, Controller, FaultCode, Generator, Input, Law, ModeName, Segment};
 use support::external_board;
+use virtual_board::chip::external::External;
 use virtual_board::{Heard, VirtualBoard, Wire};
-use wire::{Converters, Parameters, SegmentRecord, ToBoard, Wave};
+use wire::{Converters, Parameters, ResetCause, SegmentRecord, ToBoard, Wave};
 
 const MID: u16 = 1 << 15;
 
@@ -121,4 +122,26 @@ fn its_faults_end_in_the_safe_state_too() {
     assert!(!board.machine.chip().bench.is_amplifier_on());
     board.greet().unwrap();
     assert_eq!(board.status().unwrap().fault, FaultCode::WatchdogReset.number());
+}
+
+/// The crystal stops while a word is on its way to the DAC: the board's own reset waits until that is through and mid-code is, too.
+#[test]
+fn a_reset_by_the_board_itself_tears_no_word() {
+    let Some(mut board) = external_board() else { return };
+    start(&mut board);
+    board.run_samples(500).unwrap();
+    let limit = board.machine.now() + 20_000;
+    let is_under_way =
+        board.machine.run(limit, |chip| chip.external().is_some_and(|external| external.spi3.event().is_some()));
+    assert!(is_under_way.unwrap());
+    board.machine.chip().stop_crystal();
+    let limit = board.machine.now() + 20_000;
+    assert!(board.machine.run(limit, |chip| !chip.resets.is_empty()).unwrap());
+    assert_eq!(board.machine.chip().external().map(External::input), Some(MID));
+    board.greet().unwrap();
+    let status = board.status().unwrap();
+    assert_eq!((status.reset, status.fault), (ResetCause::Software, FaultCode::Clock.number()));
+    board.run_samples(200).unwrap();
+    let last = *board.machine.chip().rows.last().unwrap();
+    assert!(last.dac == MID && !last.is_enabled, "{last:?}");
 }

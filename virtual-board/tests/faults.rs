@@ -567,27 +567,47 @@ fn parameters_survive_a_reset_and_a_power_cut_at_any_word_leaves_a_whole_set() {
     // Before the first of them, then in the middle of each and between each and the next; the last cut comes after all.
     let moments = std::iter::once(None).chain((0..17).flat_map(|work| [Some((work, true)), Some((work, false))]));
     for moment in moments {
-        board.order(&ToBoard::SetParameters(other)).unwrap();
-        let before = board.machine.chip().flash.works;
-        board.send(&ToBoard::SaveParameters).unwrap();
-        let limit = board.machine.now() + 20_000_000;
-        let is_reached = board.machine.run(limit, |chip| match moment {
-            None => chip.usart.from_host.is_empty(),
-            Some((work, is_during)) => chip.flash.works > before + work && (is_during || !chip.flash.is_busy()),
-        });
-        assert!(is_reached.unwrap(), "cut {moment:?}");
-        assert_eq!(board.machine.chip().flash.works, before + moment.map_or(0, |(work, _)| work + 1), "cut {moment:?}");
         // With the last word in place the new set is whole.
         if moment == Some((16, false)) {
             kept = other;
         }
-        board.machine.chip().request_reset(Reset::Pin);
-        board.run_cycles(1000).unwrap();
-        board.greet().unwrap();
-        assert_eq!(board.status().unwrap().fault, 0, "cut {moment:?}");
-        let Heard::Parameters(found) = board.ask(&ToBoard::GetParameters).unwrap() else { panic!("no parameters") };
-        assert_eq!(*found, kept, "cut {moment:?}");
+        save_and_cut(&mut board, other, moment, kept);
     }
+}
+
+/// Saves `set` and cuts the power before the first piece of work on the flash, in the middle of one (true) or after it: `kept` is in force then.
+fn save_and_cut(board: &mut VirtualBoard, set: Parameters, moment: Option<(u32, bool)>, kept: Parameters) {
+    board.order(&ToBoard::SetParameters(set)).unwrap();
+    let before = board.machine.chip().flash.works;
+    board.send(&ToBoard::SaveParameters).unwrap();
+    let limit = board.machine.now() + 20_000_000;
+    let is_reached = board.machine.run(limit, |chip| match moment {
+        None => chip.usart.from_host.is_empty(),
+        Some((work, is_during)) => chip.flash.works > before + work && (is_during || !chip.flash.is_busy()),
+    });
+    assert!(is_reached.unwrap(), "cut {moment:?}");
+    assert_eq!(board.machine.chip().flash.works, before + moment.map_or(0, |(work, _)| work + 1), "cut {moment:?}");
+    board.machine.chip().request_reset(Reset::Pin);
+    board.run_cycles(1000).unwrap();
+    board.greet().unwrap();
+    assert_eq!(board.status().unwrap().fault, 0, "cut {moment:?}");
+    let Heard::Parameters(found) = board.ask(&ToBoard::GetParameters).unwrap() else { panic!("no parameters") };
+    assert_eq!(*found, kept, "cut {moment:?}");
+}
+
+/// ES0430: where a double word that the cut tore lies, the flash may tell wrongly. The board came back from the watchdog without end.
+#[test]
+fn a_torn_word_that_the_flash_takes_for_the_programs_is_one_of_the_store_too() {
+    let Some(mut board) = board() else { return };
+    let saved = Parameters { kp_v_per_m: 4e5, ..Parameters::NUCLEO_PI1 };
+    board.order(&ToBoard::SetParameters(saved)).unwrap();
+    board.order(&ToBoard::SaveParameters).unwrap();
+    board.machine.chip().flash.is_eccr_spoilt = true;
+    // In the erase, in the first double word and in the last one.
+    for work in [0, 1, 16] {
+        save_and_cut(&mut board, Parameters { kp_v_per_m: 3e5, ..saved }, Some((work, true)), saved);
+    }
+    assert!(board.machine.chip().resets.iter().all(|(_, why)| *why == Reset::Pin));
 }
 
 #[test]

@@ -30,8 +30,9 @@ impl Board for External {
     }
 
     fn make_safe() {
-        // The timer goes on by itself and latches it.
-        external::put(MID);
+        // Where the program only stops, the timer goes on and latches it. After a reset the DAC stands where it is, the amplifier off, until the
+        // first latch; `begin` has put mid-code again by then.
+        external::put_out(MID);
     }
 
     #[inline(always)]

@@ -12,8 +12,9 @@ const CR1: u32 = 0x00;
 const CR2: u32 = 0x04;
 const SR: u32 = 0x08;
 const DR: u32 = 0x0c;
-/// MSTR, BR = 4, SPE and software select; the same with one line that sends.
-const SPI1_CR1: u32 = 1 << 2 | 1 << 3 | 1 << 6 | 1 << 8 | 1 << 9;
+/// CPHA, MSTR, BR = 4, SPE and software select; the same with one line that sends, and its first edge. At SPI1's first edge, the rising one, the
+/// ADC's bit may not be there yet: it takes up to 13.4 ns from the falling one (TI SBAS569B, td-CK-DO), and half of a period is 11.8 ns.
+const SPI1_CR1: u32 = 1 | 1 << 2 | 1 << 3 | 1 << 6 | 1 << 8 | 1 << 9;
 const SPI3_CR1: u32 = 1 << 2 | 1 << 3 | 1 << 6 | 1 << 14 | 1 << 15;
 
 /// One of the ports.
@@ -30,7 +31,7 @@ pub struct Spi {
 impl Spi {
     /// After reset.
     pub fn new(name: &'static str, is_sender: bool) -> Spi {
-        let registers = [(CR1, Kept::new("SPI_CR1", 0, 0xc37c)), (CR2, Kept::new("SPI_CR2", 0x700, 0x0f0c))];
+        let registers = [(CR1, Kept::new("SPI_CR1", 0, 0xc37d)), (CR2, Kept::new("SPI_CR2", 0x700, 0x0f0c))];
         Spi { name, bank: Bank::new(name, &registers), is_sender, under_way: None, received: None }
     }
 
@@ -53,7 +54,7 @@ impl Spi {
         if (self.bank.at(CR1), self.bank.at(CR2)) != (cr1, cr2) {
             return unmodelled(
                 format!("{}_CR1, _CR2", self.name),
-                "a word sent in another mode than 16 bits at 42.5 MHz",
+                "a word sent in another mode than 16 bits at 42.5 MHz, SPI1's taken at the second edge",
             );
         }
         if self.under_way.is_some() {
@@ -103,11 +104,16 @@ impl External {
         }
     }
 
-    /// The chip is reset: its ports are, the converters keep what they have. A latch that never comes leaves the DAC where it is, and the
-    /// amplifier off.
-    pub fn reset(&mut self) {
-        let (input, output) = (self.input, self.output);
-        *self = External { input, output, ..External::new(self.mid) };
+    /// The chip is reset at `now`: its ports are, the converters keep what they have. Pull-ups at select and LDAC (docs/wiring.md) take the
+    /// one high, so that a word on its way ends as far as it has come in the input register, and hold the other one there: the DAC stays where
+    /// it is until the next latch.
+    pub fn reset(&mut self, now: u64) {
+        let mut input = self.input;
+        if let Some((word, done)) = self.spi3.under_way {
+            let bits = WORD_CYCLES.saturating_sub(done.saturating_sub(now)) * 16 / WORD_CYCLES;
+            input = (u32::from(input) << bits | u32::from(word) >> (16 - bits)) as u16;
+        }
+        *self = External { input, output: self.output, ..External::new(self.mid) };
     }
 
     /// The edge that starts a conversion.
@@ -143,5 +149,37 @@ impl External {
     /// The DAC's code.
     pub fn output(&self) -> u16 {
         self.output
+    }
+
+    /// The code in the DAC's input register, which the next latch takes.
+    pub fn input(&self) -> u16 {
+        self.input
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bit_taken_at_the_edge_before_it_is_there_is_refused() {
+        let mut spi = Spi::new("SPI1", false);
+        spi.write(0, CR2, 0xf00).unwrap();
+        spi.write(0, CR1, SPI1_CR1 & !1).unwrap();
+        let refused = spi.write(0, DR, 0).unwrap_err().to_string();
+        assert!(refused.contains("second edge"), "{refused}");
+        spi.write(0, CR1, SPI1_CR1).unwrap();
+        assert_eq!(spi.write(0, DR, 0), Ok(()));
+    }
+
+    #[test]
+    fn a_word_that_a_reset_cuts_is_torn_in_the_input_register_and_goes_no_further() {
+        let mut external = External::new(0x8000);
+        external.spi3.write(0, CR2, 0xf0c).unwrap();
+        external.spi3.write(0, CR1, SPI3_CR1).unwrap();
+        external.spi3.write(0, DR, 0xffff).unwrap();
+        // Half of it.
+        external.reset(WORD_CYCLES / 2);
+        assert_eq!((external.input(), external.output()), (0x00ff, 0x8000));
     }
 }

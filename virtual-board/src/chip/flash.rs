@@ -40,6 +40,9 @@ pub struct Flash {
     work: Option<(Work, u64)>,
     sr: u32,
     eccr: u32,
+    /// What ECCR says of a torn double word is wrong, as it may be after a reset or a power cut in the middle of a write (ES0430): the first bank's
+    /// first one, and a corrected one besides.
+    pub is_eccr_spoilt: bool,
     /// Works begun so far.
     pub works: u32,
 }
@@ -65,6 +68,7 @@ impl Flash {
             work: None,
             sr: 0,
             eccr: 0,
+            is_eccr_spoilt: false,
             works: 0,
         }
     }
@@ -203,8 +207,8 @@ impl Flash {
         }
         let at = (offset / 8) as usize;
         if self.torn[at] {
-            // ECCD, bank and address of the double word.
-            self.eccr = 1 << 31 | 1 << 21 | (offset / 8);
+            // ECCD, and bank and address of the double word, or ECCC.
+            self.eccr = 1 << 31 | if self.is_eccr_spoilt { 1 << 30 } else { 1 << 21 | (offset / 8) };
         }
         Ok((self.words[at][(offset / 4 % 2) as usize], self.torn[at]))
     }

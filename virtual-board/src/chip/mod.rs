@@ -179,7 +179,8 @@ impl Chip {
         self.adc[1].late_cycles = late[1];
         self.adc_common.reset();
         self.dac = Dac::new();
-        self.external.iter_mut().for_each(External::reset);
+        let now = self.now;
+        self.external.iter_mut().for_each(|external| external.reset(now));
         self.usart.reset();
         self.dma = Dma::new();
         self.iwdg = Iwdg::new();
@@ -363,6 +364,11 @@ impl Chip {
         let is_driven = self.gpio[PORT_A].is_analog(4);
         let code = self.dac.output().filter(|_| is_driven).map_or(1 << 11, |code| code as u16);
         self.stuck_dac.unwrap_or(code)
+    }
+
+    /// Converters on SPI, on a board that has them.
+    pub fn external(&self) -> Option<&External> {
+        self.external.as_ref()
     }
 
     fn drive(&mut self) {
