@@ -187,7 +187,7 @@ A SPEC is one of these, its amplitude in um (reference) or V (command):
   ladder:60V/8,hold=2s  file:PATH[,unit=V]
   multisine:20V@1-2000Hz,odd,periods=4,realisations=6,seed=7
 or several of them joined by + into a sequence.
-`,for=2s` limits a part (but a sweep, a decaying-sine, a ladder). `,shaped` on
+`,for=2s` is the length of a part that states none (not of a ladder). `,shaped` on
 any part bounds rate and acceleration of all. Rise, overshoot and settling are
 told of a lone step, gain and phase of a lone sine.")]
 pub struct SimulateCall {

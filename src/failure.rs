@@ -162,7 +162,8 @@ impl From<DesignError> for Failure {
 impl From<IdentifyError> for Failure {
     fn from(error: IdentifyError) -> Self {
         let code = match error {
-            IdentifyError::NoLog | IdentifyError::RunInTooLong { .. } => WRONG_CALL,
+            IdentifyError::NoLog => WRONG_CALL,
+            IdentifyError::RunInTooLong { run_in, .. } if run_in.is_asked => WRONG_CALL,
             IdentifyError::NoFit { .. } => NO_RESULT,
             _ => BAD_FILE,
         };
@@ -228,8 +229,9 @@ impl From<StartError> for Failure {
 impl From<DiagnoseError> for Failure {
     fn from(error: DiagnoseError) -> Self {
         let code = match error {
-            DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } | DiagnoseError::ClosedLoop { .. } => WRONG_CALL,
-            DiagnoseError::TooFewRows { run_in_s, .. } if run_in_s > 0.0 => WRONG_CALL,
+            DiagnoseError::NoLog | DiagnoseError::NoSuchEntry { .. } => WRONG_CALL,
+            DiagnoseError::ClosedLoop { in_file: false, .. } => WRONG_CALL,
+            DiagnoseError::TooFewRows { run_in, .. } if run_in.is_asked => WRONG_CALL,
             _ => BAD_FILE,
         };
         Self { code, message: error.to_string() }

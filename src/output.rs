@@ -207,7 +207,7 @@ fn folder(path: &Path) -> &Path {
 }
 
 /// Whether both paths lead to one place, whether or not it is there yet.
-fn same_file(a: &Path, b: &Path) -> bool {
+pub fn same_file(a: &Path, b: &Path) -> bool {
     let place = |path: &Path| {
         path.canonicalize().ok().or_else(|| Some(folder(path).canonicalize().ok()?.join(path.file_name()?)))
     };

@@ -429,6 +429,11 @@ fn wrong_numbers() {
         2,
         "good.csv: 0 rows are left after a run-in of 5 s; at least 16 are needed: shorten --run-in",
     );
+    // A run-in of the file's own is the file's fault.
+    bench.bad_log(
+        format!("# run_in_s: 5\n{}", good_csv(40)),
+        "bad.csv: 0 rows are left after a run-in of 5 s that it states; at least 16 are needed: give a shorter --run-in",
+    );
     // Without a start to fit either.
     bench.refused(
         &format!("replay --plant {PLANT} @/good.csv --initial relaxed --run-in 5 --out @/out.csv"),

@@ -48,6 +48,36 @@ fn what_a_kind_of_model_has_no_use_for_is_refused() {
     assert_eq!(folder.names(), ["good.csv"]);
 }
 
+/// What was fitted can't score the fit, and a log that is there twice would count as two.
+#[test]
+fn a_log_that_is_named_twice_is_refused() {
+    let folder = Folder::new("twice");
+    folder.write("a.csv", good_csv(40));
+    folder.write("b.csv", good_csv(40));
+    let both = "@/a.csv: is fitted and held out: leave it out of one of them";
+    for (logs, line) in [
+        ("@/b.csv @/a.csv --held-out @/a.csv", both),
+        ("@/b.csv @/../F/a.csv --held-out @/a.csv", both),
+        ("@/a.csv @/b.csv @/a.csv", "@/a.csv: is named twice: leave it out once"),
+        ("@/a.csv --held-out @/b.csv @/b.csv", "@/b.csv: is named twice: leave it out once"),
+    ] {
+        let name = folder.0.file_name().expect("a folder").to_string_lossy();
+        let logs = logs.replace("/F/", &format!("/{name}/"));
+        for call in [
+            format!("identify --compare {logs} --out @/out.toml"),
+            format!("diagnose --plant {PLANT} {logs} --out @/out"),
+        ] {
+            let output = run(&folder, &call);
+            assert_eq!(
+                (output.status.code(), stderr(&output)),
+                (Some(2), folder.fill_in(&format!("hysteron: {line}\n"))),
+                "{call}"
+            );
+        }
+    }
+    assert_eq!(folder.names(), ["a.csv", "b.csv"]);
+}
+
 /// An actuator with plays, simulated, is found again from its log: what its file says, and what it would do.
 #[test]
 fn an_operator_is_fitted_by_name() {

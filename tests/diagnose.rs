@@ -753,6 +753,7 @@ fn what_cannot_be_diagnosed_is_refused_in_one_line() {
     folder.write("nanometres.csv", scaled(1e3));
     folder.write("inverted.csv", scaled(-1.0));
     folder.write("short.csv", good_csv(40));
+    folder.write("asks.csv", format!("# run_in_s: 0.3\n{good}"));
     let still: Vec<String> =
         (0..400).map(|row| format!("{:.3},0,{:.6}", f64::from(row) / 1e3, 0.01 * f64::from(row % 7))).collect();
     folder.write("still.csv", format!("time_s,command_V,displacement_um\n{}", still.join("\n")));
@@ -766,7 +767,10 @@ fn what_cannot_be_diagnosed_is_refused_in_one_line() {
         ("--plant P @/still.csv --out @/out", 3, "still.csv: the command never changes"),
         ("--plant P @/short.csv --out @/out", 3, "short.csv: 40 rows are left after a run-in of 0 s"),
         ("--plant P @/good.csv --run-in 0.3 --out @/out", 2, "good.csv: 100 rows are left after a run-in of 0.3 s"),
+        ("--plant P @/asks.csv --out @/out", 3, "asks.csv: 100 rows are left after a run-in of 0.3 s that it states"),
         ("--plant P @/good.csv --without crep --out @/out", 2, "did you mean \"creep\""),
+        ("--plant P @/good.csv --controller controllers/pi1.toml --reference hop:1um --out @/out", 2, "unknown kind"),
+        ("--plant P @/good.csv --controller controllers/pi1.toml --reference file:@/no --out @/out", 3, "be read:"),
         ("--plant P @/good.csv --out @/file", 2, "is not a directory; name one with --out"),
         ("--plant P @/good.csv --out @/none/out", 2, "is not there; make it or name another with --out"),
         ("--plant P --out @/out", 2, "hysteron diagnose --help"),

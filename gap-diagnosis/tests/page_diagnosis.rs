@@ -22,6 +22,7 @@ fn log(name: &str, n: usize, is_held_out: bool) -> DiagnosedLog {
         refit_um: drive_v.iter().map(|v| 1.39 * v).collect(),
         augmented_um: drive_v.iter().map(|v| 1.4 * v).collect(),
         noise_um: 0.015,
+        scored_from: 0,
         nominal_um,
         time_s,
         drive_v,

@@ -1,7 +1,7 @@
 //! Transfer functions and linear grey boxes from logs: known coefficients come back, and the order is that of the plant.
 
 use gap_diagnosis::identify::tfest::tfest;
-use gap_diagnosis::identify::{From, Hysterons, LogFit, Options, identify};
+use gap_diagnosis::identify::{From, Hysterons, LogFit, Options, Verdict, identify};
 use plant_sim::chain::Chain;
 use plant_sim::linear::TransferFunction;
 use plant_sim::log::Log;
@@ -75,6 +75,30 @@ fn a_second_order_plant_comes_back_with_its_order() {
         // Four sigma, which are some 1e-4 for 2000 samples at 50 nm in 100 um.
         assert!((ours.value - truth).abs() < 4.0 * ours.sigma, "{ours:?} {truth}");
         assert!((1e-5..1e-3).contains(&(ours.sigma / ours.value)), "{ours:?}");
+    }
+}
+
+/// More rows of rest than are looked at for a resonance or begun with show neither; a slow log before the one that rings hides nothing.
+#[test]
+fn a_resonance_is_seen_behind_rest_and_behind_another_log() {
+    let chain = model("thesis-newid2.toml").chain();
+    let behind_rest = [vec![0.0; 22_000], steps(&[60.0, 20.0, -40.0], 2000)].concat();
+    let behind_rest = made(&chain, 20e3, behind_rest, 50e-9);
+    let slow = (0..2000).map(|k| 20.0 * (std::f64::consts::TAU * 10.0 * f64::from(k) / 20e3).sin()).collect();
+    let slow = made(&chain, 20e3, slow, 50e-9);
+    let from = From::Logs { hysterons: Hysterons::Fixed(0), mass_kg: 1.0148e-3 };
+    for logs in [vec![behind_rest.clone()], vec![slow, behind_rest.clone()]] {
+        let grey = identify(&logs, &options(from.clone()), &|_, _| {}).expect("fitted");
+        let stiffness = grey.parameters.iter().find(|p| p.name == "stiffness_N_per_m").expect("a number of the plant");
+        assert_eq!(stiffness.verdict, Verdict::Fitted, "{}", stiffness.note);
+        assert!((stiffness.value / 9680.2 - 1.0).abs() < 5e-3, "{}", stiffness.value);
+    }
+    let run_in = Options { run_in_s: Some(1.05), ..options(ANY) };
+    for (said, options) in [("rest", options(ANY)), ("run-in", run_in)] {
+        let found = tfest(std::slice::from_ref(&behind_rest), &options, None).expect("estimated");
+        assert_eq!((found[0].order, found[0].zeros), (2, 0), "{said}");
+        let natural2 = found[0].coefficients().iter().find(|c| c.name == "denominator_2").expect("a coefficient").value;
+        assert!((natural2 * chain.plant.mass_kg / chain.plant.stiffness_n_per_m - 1.0).abs() < 5e-3, "{said}");
     }
 }
 

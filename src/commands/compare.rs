@@ -124,8 +124,9 @@ pub fn transfer_function(call: &IdentifyCall) -> Result<(), Failure> {
             "--plant has no meaning for a transfer function, which is estimated from the logs alone: drop it",
         ));
     }
-    let logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
-    let warnings: Vec<String> = logs.iter().flat_map(log::warnings).collect();
+    let mut logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
+    let mut warnings: Vec<String> = logs.iter().flat_map(log::warnings).collect();
+    warnings.extend(super::logs::leave_out_forces(&mut logs, Kind::TransferFunction.name()));
     let found = tfest(&logs, &options(call), call.order)?;
     let Some(best) = found.first() else {
         return Err(Failure::interrupted("no transfer function could be estimated"));

@@ -70,9 +70,11 @@ pub fn identify(call: &IdentifyCall) -> Result<(), Failure> {
     if let (From::Plant(model), Some(path)) = (&from, &call.plant) {
         warnings.extend(output::about(path, model.warnings()));
     }
-    let logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
+    let mut logs = super::logs::read(&call.logs, &[], &call.read, MOST_ROWS)?;
     warnings.extend(logs.iter().flat_map(log::warnings));
-    if kind != "bouc-wen-static" {
+    if kind == "bouc-wen-static" {
+        warnings.extend(super::logs::leave_out_forces(&mut logs, kind));
+    } else {
         warnings.extend(assumed_mass(call));
     }
     let options = Options {

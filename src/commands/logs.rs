@@ -3,19 +3,21 @@
 use crate::arguments::ReadArguments;
 use crate::failure::Failure;
 use crate::output;
-use plant_sim::log::{self, Log};
+use plant_sim::log::{self, Column, Log};
 use std::path::{Path, PathBuf};
 
 /// Files below this size can't hold millions of rows.
 const LARGE_BYTES: u64 = 100_000_000;
 
-/// Reads whole logs of at most `most_rows` each, named by their files; by their paths where these and those `beside` them have one of the same name.
+/// Reads whole logs of at most `most_rows` each, named by their files; by their paths where these and those `beside` them have one of the same name. A log
+/// that is named twice is refused.
 pub fn read(
     paths: &[PathBuf],
     beside: &[PathBuf],
     arguments: &ReadArguments,
     most_rows: usize,
 ) -> Result<Vec<Log>, Failure> {
+    refuse_twice(paths, beside)?;
     let mut logs = Vec::new();
     for path in paths {
         refuse_too_long(path, arguments, most_rows)?;
@@ -26,6 +28,32 @@ pub fn read(
         logs.push(log);
     }
     Ok(logs)
+}
+
+/// A log that was fitted can't score the fit, and one that is there twice would count as two.
+fn refuse_twice(paths: &[PathBuf], beside: &[PathBuf]) -> Result<(), Failure> {
+    let all: Vec<&PathBuf> = paths.iter().chain(beside).collect();
+    for (index, path) in all.iter().enumerate() {
+        let Some(earlier) = all[..index].iter().position(|other| output::same_file(other, path)) else { continue };
+        let is_in_both = earlier < paths.len() && index >= paths.len();
+        return Err(Failure::call(if is_in_both {
+            format!("{}: is fitted and held out: leave it out of one of them", path.display())
+        } else {
+            format!("{}: is named twice: leave it out once", path.display())
+        }));
+    }
+    Ok(())
+}
+
+/// Leaves out the forces of logs for a plant of `kind`, which has no structure that they could act on; a warning for each.
+pub fn leave_out_forces(logs: &mut [Log], kind: &str) -> Vec<String> {
+    logs.iter_mut().filter_map(|log| log.force_n.take().map(|_| no_structure(&log.name, kind))).collect()
+}
+
+/// The warning about a log whose force is left out.
+pub fn no_structure(log: &str, kind: &str) -> String {
+    let column = Column::Force.file_name();
+    format!("{log}: its {column} is left out: a plant of kind {kind} has no structure that it could act on")
 }
 
 /// A log that would not fit is refused after a look that needs no memory.

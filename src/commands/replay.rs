@@ -28,19 +28,23 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     let model = Model::read(&call.plant)?;
     let chain = model.chain();
     let mut warnings = output::about(&call.plant, model.warnings());
-    let head = head(call)?;
-    warnings.extend(log::warnings(&head));
-    let run_in_s = call.start.run_in.or(head.meta.run_in_s).unwrap_or(0.0);
-    let run_in = (run_in_s / head.dt_s).round() as usize;
+    let (mut head, is_whole) = head(call)?;
+    warnings.extend(if is_whole { log::warnings(&head) } else { log::warnings_of_head(&head) });
+    // The stand-in for a structure that the kind lacks would take newtons for volts or metres.
+    let takes_force = model.kind.has_structure();
+    if !takes_force && head.force_n.take().is_some() {
+        warnings.push(super::logs::no_structure(&head.name, model.kind.name()));
+    }
+    let run_in = head.meta.run_in_rows(call.start.run_in, head.dt_s);
     let (start, _) = match call.start.initial {
         Initial::Relaxed => (Start::relaxed(&chain), 0.0),
         initial => fit_start(&chain, &head, initial, run_in, call.free_offset)?,
     };
     let spinner = output::spinner();
-    let mut replay = Replay { call, chain: &chain, head: &head, start: &start, run_in, spinner: &spinner };
+    let mut replay = Replay { call, chain: &chain, head: &head, start: &start, run_in, takes_force, spinner: &spinner };
     // A free offset is the mean of the whole residual, which is known only after a first pass over the log.
     let offset_m = if call.free_offset { replay.pass(0.0, |_, _| Ok(()))?.offset_m() } else { 0.0 };
-    let meta = Meta { rate_hz: head.meta.rate_hz, ..Meta::default() };
+    let meta = Meta { rate_hz: rate_hz(&head), ..Meta::default() };
     let mut writer = Writer::create(&call.out, &meta, &[Column::Time, Column::Displacement, Column::Predicted])?;
     let mut shown = Shown::new(run_in);
     let score = replay.pass(offset_m, |row, predicted_m| {
@@ -49,7 +53,7 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
         Ok(())
     })?;
     if score.rows() == 0 {
-        return Err(IdentifyError::RunInTooLong { log: head.name, rows: 0, run_in_s }.into());
+        return Err(IdentifyError::run_in_too_long(&head, 0, run_in).into());
     }
     writer.finish()?;
     spinner.finish_and_clear();
@@ -87,15 +91,20 @@ pub fn replay(call: &ReplayCall) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The beginning of the log, with the run-in where the start is fitted to what comes after it.
-fn head(call: &ReplayCall) -> Result<Log, Failure> {
+/// The rate that a log states, or that of its times where they contradict it: the prediction's times are rounded by it.
+fn rate_hz(log: &Log) -> Option<f64> {
+    let agrees = |rate_hz: f64| (rate_hz * log.dt_s - 1.0).abs() < 1e-9;
+    log.meta.rate_hz.map(|stated_hz| if agrees(stated_hz) { stated_hz } else { log.dt_s.recip() })
+}
+
+/// The beginning of the log, with the run-in where the start is fitted to what comes after it; and whether it is the whole log.
+fn head(call: &ReplayCall) -> Result<(Log, bool), Failure> {
     let mut reader = log::open(&call.log, &call.read.options())?;
     let mut head = Log { name: output::file_name(&call.log), ..Log::default() };
     let force = reader.has(Column::Force);
     let mut force_n = Vec::new();
-    let run_in_s = call.start.run_in.or(reader.meta().run_in_s).unwrap_or(0.0);
     let is_fitted = call.start.initial != Initial::Relaxed;
-    let run_in = if is_fitted { (run_in_s / reader.dt_s()).round() as usize } else { 0 };
+    let run_in = if is_fitted { reader.meta().run_in_rows(call.start.run_in, reader.dt_s()) } else { 0 };
     for row in reader.by_ref().take(run_in.min(MOST_RUN_IN) + HEAD_ROWS) {
         let row = row?;
         if head.command_v.is_empty() {
@@ -108,14 +117,16 @@ fn head(call: &ReplayCall) -> Result<Log, Failure> {
     // A log that ends before that is whole.
     if run_in > MOST_RUN_IN && head.command_v.len() == MOST_RUN_IN + HEAD_ROWS {
         return Err(Failure::call(format!(
-            "{}: a run-in of {run_in_s} s is {run_in} rows, more than the {MOST_RUN_IN} that are kept: cut the log or shorten --run-in",
-            head.name
+            "{}: a run-in of {} s is {run_in} rows, more than the {MOST_RUN_IN} that are kept: cut the log or shorten --run-in",
+            head.name,
+            run_in as f64 * reader.dt_s()
         )));
     }
     head.dt_s = reader.dt_s();
     head.meta = reader.meta().clone();
     head.force_n = force.then_some(force_n);
-    Ok(head)
+    let is_whole = reader.next().transpose()?.is_none();
+    Ok((head, is_whole))
 }
 
 struct Replay<'a> {
@@ -124,6 +135,7 @@ struct Replay<'a> {
     head: &'a Log,
     start: &'a Start,
     run_in: usize,
+    takes_force: bool,
     spinner: &'a ProgressBar,
 }
 
@@ -147,8 +159,9 @@ impl Replay<'_> {
             let [from, to] = stream.needs();
             known.forget(from);
             while known.end() < to.max(rows + 1)
-                && let Some(row) = reader.next().transpose()?
+                && let Some(mut row) = reader.next().transpose()?
             {
+                row.force_n = row.force_n.filter(|_| self.takes_force);
                 known.add(&row);
                 window.push_back(row);
             }

@@ -15,6 +15,7 @@ use super::refit::{has_gap, led_without_one, refitted};
 use super::report::responses_of;
 use super::screen::Lead;
 use super::search::Search;
+use super::starts::scored_from;
 use super::verdict::{Class, Ranked, Verdict, hidden, leading, named, probability, ranking, set90, shares_of_known};
 use super::zeros::own_zeros;
 use super::{Options, Say};
@@ -154,8 +155,10 @@ pub struct LogEvidence {
     pub dt_s: f64,
     /// Time of the first row.
     pub from_s: f64,
-    /// Rows at the start that are not scored.
+    /// Rows at the start that are not looked at.
     pub run_in: usize,
+    /// First row whose miss counts: the beginning of a held-out log tells its start.
+    pub scored_from: usize,
     /// The drive's monitor where the log has one, else the command; volts.
     pub drive_v: Vec<f64>,
     /// Readings, metres; beside them what the plants predict.
@@ -560,6 +563,7 @@ fn logs(benches: &Benches<'_>, three: &Three) -> Vec<LogEvidence> {
             dt_s: stride as f64 * log.dt_s,
             from_s: log.time_start_s,
             run_in: record.run_in.div_ceil(stride),
+            scored_from: if index < fitted { record.run_in } else { scored_from(record) }.div_ceil(stride),
             drive_v: thin(log.drive_v.as_ref().unwrap_or(&log.command_v)),
             measured_m: thin(&log.displacement_m),
             nominal_m: thin(&three.nominal[index]),

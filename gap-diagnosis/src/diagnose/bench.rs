@@ -44,6 +44,8 @@ pub struct Record<'a> {
     pub run_in: usize,
     /// Rms of the noise in metres.
     pub noise_m: f64,
+    /// Share of that which is none of the motion, as far as the nominal plant tells.
+    pub not_motion: f64,
     /// Rms in metres of what the errors of the instants that the plant states do to this log.
     pub jitter_m: f64,
     /// The same of all that the plant states to scatter beside its sensor's white noise: slow noise and rounding as well.

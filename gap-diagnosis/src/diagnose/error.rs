@@ -3,6 +3,7 @@
 use super::bench::Bench;
 use super::hypothesis::{Freedom, Hypothesis};
 use super::normal::reader;
+use crate::identify::RunIn;
 use plant_sim::log::{self, Log};
 use rayon::prelude::*;
 
@@ -38,10 +39,13 @@ pub enum DiagnoseError {
     ClosedLoop {
         /// What is wrong and what would do.
         reason: String,
+        /// Whether a file that the reference names is at fault, and not the call.
+        in_file: bool,
     },
     /// Too little left after the run-in.
     #[error(
-        "{log}: {rows} rows are left after a run-in of {run_in_s} s; at least {LEAST_ROWS} are needed: shorten --run-in or record longer"
+        "{log}: {rows} rows are left after {run_in}; at least {LEAST_ROWS} are needed: {} or record longer",
+        run_in.how_to_shorten()
     )]
     TooFewRows {
         /// The log.
@@ -49,7 +53,7 @@ pub enum DiagnoseError {
         /// Rows left.
         rows: usize,
         /// The run-in.
-        run_in_s: f64,
+        run_in: RunIn,
     },
     /// No command moves.
     #[error("{logs}: the command never changes, so nothing shows what the plant does: drive it with steps or sines")]
@@ -122,7 +126,7 @@ pub(super) fn check_rows(logs: &[Log], run_in: &dyn Fn(&Log) -> usize) -> Result
         let run_in = run_in(log);
         let rows = log.len().saturating_sub(run_in);
         if rows < LEAST_ROWS {
-            return Err(DiagnoseError::TooFewRows { log: log.name.clone(), rows, run_in_s: run_in as f64 * log.dt_s });
+            return Err(DiagnoseError::TooFewRows { log: log.name.clone(), rows, run_in: RunIn::new(log, run_in) });
         }
         if is_constant(&log.displacement_m[run_in..]) && !is_constant(&log.command_v[run_in..]) {
             return Err(DiagnoseError::NoResponse { log: log.name.clone() });
@@ -220,7 +224,7 @@ fn respond(bench: &Bench<'_>, index: usize) -> Result<Response, DiagnoseError> {
     Ok(Response {
         slope: if moves { yp / pp } else { 0.0 },
         correlation: if moves { yp / (yy * pp).sqrt().max(f64::MIN_POSITIVE) } else { 0.0 },
-        gap_m2: (yy - 2.0 * yp + pp).max(0.0),
+        gap_m2: if moves { (yy - 2.0 * yp + pp).max(0.0) } else { yy },
         displacement_m2: yy,
     })
 }
@@ -258,7 +262,8 @@ mod tests {
             log.command_v = (0..9000).map(|k| if k < 100 { 0.0 } else { volts }).collect();
             log.displacement_m.iter_mut().enumerate().for_each(|(k, y)| *y = 1e-6 * volts + 1e-8 * (k % 7) as f64);
             let bench = Bench::new(&model, vec![record(&log, &model.chain(), Some(0.4))]);
-            let Response { slope, correlation, .. } = respond(&bench, 0).expect("a response");
+            let Response { slope, correlation, gap_m2, displacement_m2 } = respond(&bench, 0).expect("a response");
+            assert_eq!(gap_m2, displacement_m2, "{volts} V: a log that is all gap would be refused by rounding");
             assert!(
                 correlation.abs() < CORRELATED && slope.abs() < OTHER_UNIT,
                 "{volts} V: {slope:e}, {correlation:e}"

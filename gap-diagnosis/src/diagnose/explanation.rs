@@ -10,7 +10,7 @@ use super::refit::AT_NOISE;
 use super::search::{Candidate, Remainder, Search, middle};
 use super::spread::Scattered;
 use super::symmetry::Freed;
-use plant_sim::effects::{Effect, Form, find};
+use plant_sim::effects::{Effect, Form, find_form};
 
 /// A log counts by itself if its gap, and what is left of it, are more than these shares of the noise's power.
 const GAP_OF_LOG: f64 = 0.25;
@@ -158,8 +158,7 @@ pub(super) fn by_scatter(
         if without.contains(&id) || value <= 0.0 {
             return;
         }
-        let Some(effect) = find(id) else { return };
-        let Some(form) = effect.forms().iter().find(|f| f.name == form) else { return };
+        let Some((effect, form)) = find_form(id, form) else { return };
         let explanation = Explanation::by_fit(refit, left.clamp(0.0, 1.0), floor).and(effect.id());
         found.push(Explanation { scatter: Some((effect, form, *scattered)), ..explanation });
     };

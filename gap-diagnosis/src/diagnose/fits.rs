@@ -7,7 +7,7 @@ use super::refit::{AT_NOISE, BENT_COST, come_home, nominal};
 use super::screen::{Lead, Starts};
 use super::search::{Candidate, Remainder, Search, after_run_in};
 use super::symmetry::along;
-use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, Scope, find};
+use plant_sim::effects::{Effect, Form, Kind, Parameter, REGISTRY, Scope, find, find_form};
 use std::f64::consts::TAU;
 
 /// A lead is followed if it explains this share of what the best one does, or is among the first few.
@@ -424,9 +424,7 @@ impl Fits<'_> {
     fn gap_of_bend(&self, fits: &mut Vec<Candidate>) {
         let Some((best, values)) = self.best_with_numbers(fits) else { return };
         let Some(own) = best.hypothesis.installed.last() else { return };
-        let backlash = find("backlash").filter(|backlash| !self.without.contains(&backlash.id()));
-        let gap =
-            backlash.and_then(|backlash| Some((backlash, backlash.forms().iter().find(|form| form.name == "gap")?)));
+        let gap = find_form("backlash", "gap").filter(|(backlash, _)| !self.without.contains(&backlash.id()));
         let (Some(gap), "another-slope", &[height_m, at_m, _]) = (gap, own.form.name, &values[..]) else {
             return;
         };

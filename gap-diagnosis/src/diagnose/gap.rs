@@ -4,6 +4,7 @@ use super::plants::{Benches, Played, Spread, Variant};
 use super::random::Random;
 use super::refit::{AT_NOISE, LEAST_GAP};
 use super::starts::scored_from;
+use crate::residual::samples_per_independent;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
@@ -11,10 +12,15 @@ use serde::Serialize;
 
 /// Relative sigma of the noise's power: it is known to a few per cent.
 const NOISE_KNOWN: f64 = 0.03;
-/// Length of the bootstrap's blocks in seconds, and the cells that a block is made of. Blocks outlast the plant's ringing and most of what
+/// Least length of the bootstrap's blocks in seconds, and the cells that a block is made of. Blocks outlast the plant's ringing and most of what
 /// one step leaves; cells only save time.
 const BLOCK_S: f64 = 0.05;
 const CELLS: usize = 10;
+/// Blocks outlast what stays of the gap as well: they are so many times as long as rows of it hang together, but no more than such a part of their log.
+const OUTLASTED: f64 = 2.0;
+const PART_OF_LOG: usize = 4;
+/// Rows that tell how long rows hang together: so many say it as well as all.
+const LOOKED_AT: usize = 50_000;
 /// Resamples.
 const RESAMPLES: usize = 1000;
 /// The named plant surprises where it misses rows that no fit saw by this many times what was expected, as amplitude: the numbers'
@@ -106,8 +112,15 @@ pub(super) fn is_scored(benches: &Benches<'_>, index: usize, row: usize) -> bool
 pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, seed: u64) -> Gap {
     let mut logs: Vec<Vec<Sums>> = Vec::new();
     for (index, record) in benches.records().enumerate() {
-        let cell_rows = ((BLOCK_S / CELLS as f64 / record.log.dt_s) as usize).max(1);
         let augmented = &three.augmented[index];
+        let scored = || (0..record.log.len()).filter(|row| is_scored(benches, index, *row));
+        let rows = scored().count();
+        let every = rows.div_ceil(LOOKED_AT).max(1);
+        let together = [&three.nominal[index], augmented].map(|played| {
+            let missed_m = scored().step_by(every).map(|row| record.log.displacement_m[row] - played[row]);
+            every as f64 * samples_per_independent(&missed_m.collect::<Vec<_>>())
+        });
+        let cell_rows = cell_rows(record.log.dt_s, together[0].max(together[1]), rows);
         let mut cells: Vec<Sums> = Vec::new();
         for (row, &measured) in record.log.displacement_m.iter().enumerate() {
             if !is_scored(benches, index, row) {
@@ -163,6 +176,12 @@ impl Gap {
         let excess2_m2 = (1e-6 * self.augmented_rms_um).powi(2) - noise2_m2;
         excess2_m2 > SURPRISE.powi(2) * (expected.left2_m2 + LEAST_GAP.powi(2) * noise2_m2)
     }
+}
+
+/// Rows of a cell, where so many rows of what is missed hang together, in a log of `rows`.
+fn cell_rows(dt_s: f64, together: f64, rows: usize) -> usize {
+    let block = (BLOCK_S / dt_s).max((OUTLASTED * together).min((rows / PART_OF_LOG) as f64));
+    ((block / CELLS as f64) as usize).max(1)
 }
 
 /// 95 % interval of the shrink, over resampled blocks.
@@ -445,7 +464,7 @@ fn shapley(values: &[f64], players: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Expected, Gap, Sums, at_best, interval, of_another, shapley};
+    use super::{Expected, Gap, Sums, at_best, cell_rows, interval, of_another, shapley};
 
     #[test]
     fn rows_surprise_where_more_stays_than_numbers_and_noise_explain() {
@@ -496,6 +515,13 @@ mod tests {
         let values = shapley(&at_best(vec![0.0, 1.0, -6.0, 9.0]), 2);
         assert_eq!(values, [5.0, 4.0]);
         assert_eq!(at_best(vec![0.0, -1.0, -2.0, -3.0]), [0.0; 4]);
+    }
+
+    #[test]
+    fn blocks_outlast_what_hangs_together() {
+        // 50 ms at 20 kHz; twice what hangs together; a quarter of the log.
+        assert_eq!([1.0, 5e3, 1e6].map(|together| cell_rows(5e-5, together, 80_000)), [100, 1000, 2000]);
+        assert_eq!(cell_rows(0.1, 1.0, 80_000), 1);
     }
 
     #[test]

@@ -110,10 +110,7 @@ pub fn diagnose(
         // A loop that can't run is refused before the work.
         closed_loop::predict(wanted, plant, plant, &logs[0])?;
     }
-    let run_in = |log: &Log| {
-        let run_in_s = options.run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
-        (run_in_s / log.dt_s).round().max(0.0) as usize
-    };
+    let run_in = |log: &Log| log.meta.run_in_rows(options.run_in_s, log.dt_s);
     error::check_rows(logs, &run_in)?;
     error::check_rows(held_out, &run_in)?;
     let chain = plant.chain();
@@ -183,7 +180,9 @@ pub fn diagnose(
     }
     let mut found = answer::answer(&search, &course, &benches, options, losses.as_ref(), warnings, progress);
     if let Some(wanted) = &options.predict {
-        found.closed_loop = Some(closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?);
+        let (closed_loop, warnings) = closed_loop::predict(wanted, plant, &found.augmented, &logs[0])?;
+        found.closed_loop = Some(closed_loop);
+        found.warnings.extend(warnings);
     }
     Ok(found)
 }

@@ -466,7 +466,7 @@ mod tests {
     use crate::diagnose::records::record;
     use crate::diagnose::starts::play_log;
     use crate::diagnose::thesis;
-    use plant_sim::effects::find;
+    use plant_sim::effects::find_form;
 
     /// A spring that softens with the cube lets go beyond some displacement, and the plant is no number any more.
     #[test]
@@ -476,8 +476,7 @@ mod tests {
             Log { dt_s: 5e-5, displacement_m: vec![0.0; 4000], command_v: vec![60.0; 4000], ..Log::default() };
         log.displacement_m.iter_mut().enumerate().for_each(|(k, y)| *y = 1e-4 + 1e-8 * (k % 7) as f64);
         let bench = Bench::new(&model, vec![record(&log, &model.chain(), None)]);
-        let effect = find("nonlinear_stiffness").expect("an entry");
-        let cubic = effect.forms().iter().find(|form| form.name == "cubic").expect("a form");
+        let (effect, cubic) = find_form("nonlinear_stiffness", "cubic").expect("a form");
         let hypothesis = Hypothesis::nominal(Freedom::Relaxed).with(effect, cubic, &bench.scales());
         let mut z = bench.origin(&hypothesis);
         bench.set_last(&hypothesis, &mut z, &[f64::MIN]);

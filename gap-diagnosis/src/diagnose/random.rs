@@ -6,7 +6,7 @@
 use super::bench::Bench;
 use super::events::{Losses, Lost};
 use super::spread::Scattered;
-use plant_sim::effects::{Effect, Form, find};
+use plant_sim::effects::{Effect, Form, find_form};
 use plant_sim::model::{EffectSection, Model};
 use plant_sim::param::Param;
 
@@ -116,8 +116,7 @@ pub(super) fn size_of_scatter(effect: &'static dyn Effect, form: &'static Form, 
 }
 
 fn random(id: &str, form: &str, values: Vec<f64>, sigmas: Vec<f64>, power_m2: f64) -> Option<Random> {
-    let effect = find(id)?;
-    let form = effect.forms().iter().find(|f| f.name == form)?;
+    let (effect, form) = find_form(id, form)?;
     Some(Random { effect, form, values, sigmas, power_m2 })
 }
 

@@ -294,6 +294,7 @@ fn diagnosed(log: &LogEvidence) -> DiagnosedLog {
         refit_um: um(&log.refit_m),
         augmented_um: um(&log.augmented_m),
         noise_um: 1e6 * log.noise_m,
+        scored_from: log.scored_from,
     }
 }
 

@@ -429,7 +429,7 @@ mod tests {
     use crate::diagnose::hypothesis::{Freedom, Held};
     use crate::diagnose::records::record;
     use crate::diagnose::thesis;
-    use plant_sim::effects::find;
+    use plant_sim::effects::find_form;
     use plant_sim::log::{Hold, Log};
     use plant_sim::model::Model;
     use plant_sim::replay::{Start, predict};
@@ -544,8 +544,7 @@ mod tests {
         fn known<'l>(log: &'l Log, model: &Model) -> Vec<Record<'l>> {
             vec![Record { noise_m: 20e-9, ..record(log, &model.chain(), None) }]
         }
-        let effect = find("creep").expect("an entry");
-        let form = effect.forms().iter().find(|form| form.name == "kelvin-voigt").expect("a form");
+        let (effect, form) = find_form("creep", "kelvin-voigt").expect("a form");
         let (creeping, mut z, chain) = {
             let bench = Bench::new(&model, known(&log, &model));
             let creeping = Hypothesis::nominal(Freedom::Any).with(effect, form, &bench.scales());
@@ -590,8 +589,7 @@ mod tests {
     #[test]
     fn the_first_stretch_tells_how_the_sensor_was_set() {
         let (model, log) = log(&[0.0, 0.0]);
-        let effect = find("sensor_offset").expect("an entry");
-        let form = effect.forms().iter().find(|form| form.name == "constant-in-each-log").expect("a form");
+        let (effect, form) = find_form("sensor_offset", "constant-in-each-log").expect("a form");
         // What is found of a zero of 2 um beside so much more noise, and what else it may be, where others have something like it.
         let found = |freedom: Freedom, noise_m: f64| {
             let (mut log, mut random) = (log.clone(), Pcg64::seed_from_u64(8));

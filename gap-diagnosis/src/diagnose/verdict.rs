@@ -269,48 +269,60 @@ fn classes(search: &Search<'_>, course: &Course, top: &Explanation, without: &[&
             });
         }
     }
-    let mut members: Vec<&str> = Vec::new();
-    let mut reasons = Vec::new();
+    classes.extend(rivalries(course, top, &classes).into_iter().map(|(own, rivals)| Class {
+        members: std::iter::once(own).chain(rivals.iter().map(|(id, _)| *id)).map(str::to_owned).collect(),
+        reason: format!("{}.", rivals.into_iter().map(|(_, reason)| reason).collect::<Vec<_>>().join("; ")),
+    }));
+    classes
+}
+
+/// For each member of `top` the entries that would do in its place, but those that `known` classes hold, and why. Two members of one explanation
+/// have rivals of their own: what does for the first was not compared with the second.
+fn rivalries<'c>(course: &'c Course, top: &'c Explanation, known: &[Class]) -> Vec<(&'c str, Vec<(&'c str, String)>)> {
+    let mut found: Vec<(&str, Vec<(&str, String)>)> = Vec::new();
     for other in &course.explanations {
         let Some([own, theirs]) = differing(&top.judged.ids, &other.judged.ids) else { continue };
-        let is_known = classes.iter().any(|class: &Class| class.holds([own, theirs]));
+        let is_known = known.iter().any(|class| class.holds([own, theirs]));
         if is_known || BY_PRIORS.contains(&own) && BY_PRIORS.contains(&theirs) {
             continue;
         }
-        let (left, their_left) = (top.judged.left, other.judged.left);
-        let floor = top.judged.floor.max(other.judged.floor);
-        // What leaves as much is as good, be the form wrong in the same way.
-        let alike = (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF;
-        // Where nothing was left to begin with, all of them leave nothing: what tells them apart is how far the numbers have to go.
-        let close = course.has_gap() && (alike || (left - their_left).abs() < floor && left.max(their_left) < GOOD);
-        let within = |times: f64| top.probability < times * other.probability;
-        let even = within(SAME_PROBABILITY) && left.max(their_left) < GOOD;
-        if close && within(TOLD_APART) || even {
-            for id in [own, theirs] {
-                if !members.contains(&id) {
-                    members.push(id);
-                }
-            }
-            reasons.push(if course.has_gap() {
-                format!(
-                    "{own} leaves {:.1} % of the gap and {theirs} {:.1} %, while these logs resolve {:.1} %",
-                    100.0 * left,
-                    100.0 * their_left,
-                    100.0 * floor
-                )
-            } else {
-                format!(
-                    "with {own} and with {theirs} alike nothing stays but noise, so that only what the numbers' shifts cost and what shows \
-                     below the noise tell"
-                )
-            });
+        let Some(reason) = undecided(course, top, other, [own, theirs]) else { continue };
+        match found.iter_mut().find(|(id, _)| *id == own) {
+            None => found.push((own, vec![(theirs, reason)])),
+            Some((_, rivals)) if rivals.iter().all(|(id, _)| *id != theirs) => rivals.push((theirs, reason)),
+            Some(_) => {}
         }
     }
-    if members.len() > 1 {
-        let members = members.into_iter().map(str::to_owned).collect();
-        classes.push(Class { members, reason: format!("{}.", reasons.join("; ")) });
+    found
+}
+
+/// Why these logs don't tell two explanations apart, if they don't.
+fn undecided(course: &Course, top: &Explanation, other: &Explanation, [own, theirs]: [&str; 2]) -> Option<String> {
+    let (left, their_left) = (top.judged.left, other.judged.left);
+    let floor = top.judged.floor.max(other.judged.floor);
+    let within = |times: f64| top.probability < times * other.probability;
+    let is_good = left.max(their_left) < GOOD;
+    let has_gap = course.has_gap();
+    // Where nothing was left to begin with, all of them leave nothing: what tells them apart is how far the numbers have to go.
+    let is_told_apart = !has_gap || !within(TOLD_APART);
+    let both = || format!("{own} leaves {:.1} % of the gap and {theirs} {:.1} %", 100.0 * left, 100.0 * their_left);
+    // What leaves as much is as good, be the form wrong in the same way.
+    if !is_told_apart && (left - their_left).abs() < floor && is_good {
+        Some(format!("{}, while these logs resolve {:.1} %", both(), 100.0 * floor))
+    } else if !is_told_apart && (left - their_left).abs() < ALIKE * left && left.max(their_left) < HALF {
+        Some(format!("{}: what one form lacks, the other lacks as well", both()))
+    } else if within(SAME_PROBABILITY) && is_good {
+        Some(if has_gap {
+            format!("{}, and neither is {SAME_PROBABILITY:.0} times as probable as the other", both())
+        } else {
+            format!(
+                "with {own} and with {theirs} alike nothing stays but noise, so that only what the numbers' shifts cost and what shows \
+                 below the noise tell"
+            )
+        })
+    } else {
+        None
     }
-    classes
 }
 
 /// The members in which two explanations of equal length differ, if that is one each.
@@ -365,6 +377,28 @@ mod tests {
             assert_eq!(said(&lags[..1], 0.7, 0.0), (Verdict::Unknown, None));
             // None that is less probable than that there is no gap.
             assert_eq!(said(&lags, 0.01, 0.44), (Verdict::NoGap, None));
+        });
+    }
+
+    /// What would do in the place of the first of two effects was not compared with the second.
+    #[test]
+    fn each_of_two_effects_has_rivals_of_its_own() {
+        of_a_still_bench(|_search, refit| {
+            let pair = |ids: [&'static str; 2], probability: f64| {
+                let mut explanation = explanation(refit, ids[0], probability, [0.01, 0.0]);
+                explanation.judged.ids = ids.to_vec();
+                explanation
+            };
+            let pairs =
+                [(["creep", "backlash"], 0.4), (["creep", "end_stop"], 0.2), (["sensor_drift", "backlash"], 0.2)];
+            let far = [(["creep", "quantisation"], 0.01), (["mains_hum", "end_stop"], 0.19)];
+            let explanations = pairs.into_iter().chain(far).map(|(ids, probability)| pair(ids, probability)).collect();
+            let course = Course::new(refit.clone(), explanations, Scattered::default());
+            let found: Vec<(&str, Vec<&str>)> = rivalries(&course, &course.explanations[0], &[])
+                .into_iter()
+                .map(|(own, rivals)| (own, rivals.into_iter().map(|(id, _)| id).collect()))
+                .collect();
+            assert_eq!(found, [("backlash", vec!["end_stop"]), ("creep", vec!["sensor_drift"])]);
         });
     }
 

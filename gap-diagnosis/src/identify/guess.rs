@@ -109,8 +109,15 @@ fn slow_gain_m_per_v(command_v: &[f64], displacement_m: &[f64], dt_s: f64) -> Op
     (!slowest.is_empty()).then(|| slowest.iter().sum::<f64>() / slowest.len() as f64)
 }
 
-/// A plant with `hysterons` hysterons that has the logs' gain and loop width, and whether the logs show a resonance at all.
-pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg: f64) -> (Model, bool) {
+/// Row from which the command moves: a log may begin with seconds of rest, which show nothing.
+pub fn moves_from(log: &Log, run_in: usize) -> usize {
+    let rest = log.command_v[run_in..].windows(2).take_while(|pair| pair[0] == pair[1]).count();
+    if run_in + rest + 1 < log.len() { run_in + rest } else { run_in }
+}
+
+/// A plant with `hysterons` hysterons that has the first log's gain and loop width, and whether a log shows a resonance at all. Beside each log the
+/// rows of its run-in.
+pub fn guess(logs: &[(&Log, usize)], looks: &Looks, hysterons: usize, mass_kg: f64) -> (Model, bool) {
     let assumed = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
     let plant = |hz: f64, damping_ratio: f64, hysterons: usize| {
         let turning = std::f64::consts::TAU * hz;
@@ -138,12 +145,13 @@ pub fn guess(log: &Log, run_in: usize, looks: &Looks, hysterons: usize, mass_kg:
                 damping_n_s_per_m: assumed(2.0 * damping_ratio * mass_kg * turning),
                 stiffness_n_per_m: assumed(stiffness),
             },
-            ..Model::empty(&format!("identified from {}", log.name))
+            ..Model::empty(&format!("identified from {}", logs[0].0.name))
         }
     };
-    match resonance(log, run_in, looks, &|hz, damping| plant(hz, damping, 0).chain()) {
-        Some((hz, damping_ratio)) => (plant(hz, damping_ratio, hysterons), true),
-        None => (plant(UNSEEN_HZ.min(1.0 / log.dt_s), UNSEEN_DAMPING, hysterons), false),
+    let seen = logs.iter().filter_map(|(log, run_in)| resonance(log, *run_in, looks, &|hz, d| plant(hz, d, 0).chain()));
+    match seen.min_by(|a, b| a.misfit.total_cmp(&b.misfit)) {
+        Some(seen) => (plant(seen.hz, seen.damping, hysterons), true),
+        None => (plant(UNSEEN_HZ.min(1.0 / logs[0].0.dt_s), UNSEEN_DAMPING, hysterons), false),
     }
 }
 
@@ -162,8 +170,8 @@ pub fn without_dead_zones(model: &mut Model) {
 }
 
 /// A Bouc-Wen actuator with the logs' gain and resonance: Table 2.2 stretched to the logs' volts, its loop a fifth of its force.
-pub fn bouc_wen(log: &Log, run_in: usize, looks: &Looks, mass_kg: Option<f64>) -> Model {
-    let (base, _) = guess(log, run_in, looks, 0, mass_kg.unwrap_or(1e-3));
+pub fn bouc_wen(logs: &[(&Log, usize)], looks: &Looks, mass_kg: Option<f64>) -> Model {
+    let (base, _) = guess(logs, looks, 0, mass_kg.unwrap_or(1e-3));
     let of = |value: f64| Some(Param { source: "guessed from the log".into(), ..Param::assumed(value) });
     let per_span = 1.0 / looks.span_v.max(1e-3);
     let mut model = base.clone();
@@ -198,12 +206,13 @@ const ROWS: usize = 6;
 const SHARE: f64 = 0.4;
 
 /// An actuator with the logs' gain and resonance and an operator of `kind`, which makes a loop of a fifth of its force.
-pub fn operator(kind: Kind, log: &Log, run_in: usize, looks: &Looks, mass_kg: f64) -> Model {
-    let (mut model, _) = guess(log, run_in, looks, 0, mass_kg);
+pub fn operator(kind: Kind, logs: &[(&Log, usize)], looks: &Looks, mass_kg: f64) -> Model {
+    let (mut model, _) = guess(logs, looks, 0, mass_kg);
     model.kind = kind;
     let alpha = model.actuator.transduction_c_per_m.value;
     let param = |value: f64| Param { source: "guessed from the log".into(), ..Param::assumed(value) };
     let given = |value: f64| Param::absolute(value, 0.0, "chosen, not fitted");
+    let (log, run_in) = logs[0];
     let [low_v, high_v] = log.command_v[run_in..]
         .iter()
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
@@ -255,8 +264,19 @@ pub fn operator(kind: Kind, log: &Log, run_in: usize, looks: &Looks, mass_kg: f6
     model
 }
 
-/// Undamped frequency and damping ratio of a linear plant that replays the log best, if that makes a difference.
-fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> Option<(f64, f64)> {
+/// A resonance that a log shows.
+struct Resonance {
+    /// Undamped frequency.
+    hz: f64,
+    /// Damping ratio.
+    damping: f64,
+    /// What a linear plant with it misses the log by, over what one misses that shows none.
+    misfit: f64,
+}
+
+/// The resonance of the linear plant that replays the log best, if that makes a difference.
+fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -> Chain) -> Option<Resonance> {
+    let run_in = moves_from(log, run_in);
     let rows = log.command_v.len().min(run_in + SCAN_ROWS);
     let misfit = |hz: f64, damping: f64| {
         let chain = plant(hz, damping);
@@ -285,11 +305,11 @@ fn resonance(log: &Log, run_in: usize, looks: &Looks, plant: &dyn Fn(f64, f64) -
         .flat_map(|&hz| SCAN_DAMPING.map(|damping| (hz, damping, misfit(hz, damping))))
         .collect();
     let unseen = misfit(UNSEEN_HZ.min(1.0 / log.dt_s), UNSEEN_DAMPING);
-    candidates
-        .iter()
-        .min_by(|a, b| a.2.total_cmp(&b.2))
-        .filter(|best| best.2 < 0.97 * unseen)
-        .map(|best| (best.0, best.1))
+    candidates.iter().min_by(|a, b| a.2.total_cmp(&b.2)).filter(|best| best.2 < 0.97 * unseen).map(|best| Resonance {
+        hz: best.0,
+        damping: best.1,
+        misfit: best.2 / unseen,
+    })
 }
 
 #[cfg(test)]
@@ -303,6 +323,15 @@ mod tests {
         let log = Log { dt_s: 1e-3, displacement_m, command_v, ..Log::default() };
         assert!(looks(&log, 50).gain_m_per_v.is_nan());
         assert!((looks_at_all(&log, 50).gain_m_per_v - 1e-6).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_log_moves_from_where_its_command_does() {
+        let log = |command_v: &[f64]| Log { command_v: command_v.to_vec(), ..Log::default() };
+        assert_eq!(moves_from(&log(&[0.0, 0.0, 0.0, 1.0, 1.0]), 0), 2);
+        assert_eq!(moves_from(&log(&[0.0, 1.0, 2.0]), 0), 0);
+        assert_eq!(moves_from(&log(&[0.0, 5.0, 5.0, 5.0, 6.0]), 1), 3);
+        assert_eq!(moves_from(&log(&[0.0, 5.0, 5.0, 5.0]), 1), 1);
     }
 
     /// The thesis' plant, 783 Hz, is asked of motions that are slow and of such as would be upside down to a line.

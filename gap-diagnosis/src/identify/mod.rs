@@ -21,6 +21,7 @@ use plant_sim::log::Log;
 use plant_sim::model::{Kind, Model};
 use plant_sim::replay::{Initial, Start};
 use search::{Basis, Session};
+use std::fmt;
 use std::sync::atomic::AtomicUsize;
 
 /// Most hysterons that `Hysterons::Auto` tries.
@@ -97,14 +98,14 @@ pub enum IdentifyError {
     #[error("no log to identify from")]
     NoLog,
     /// Too little left after the run-in.
-    #[error("{log}: {rows} rows are left after a run-in of {run_in_s} s; at least 16 are needed: shorten --run-in")]
+    #[error("{log}: {rows} rows are left after {run_in}; at least 16 are needed: {}", run_in.how_to_shorten())]
     RunInTooLong {
         /// The log.
         log: String,
         /// Rows left.
         rows: usize,
-        /// Run-in asked for.
-        run_in_s: f64,
+        /// The run-in.
+        run_in: RunIn,
     },
     /// The command doesn't move.
     #[error("{log}: the command never changes, so nothing can be identified from it: drive it with steps or sines")]
@@ -142,6 +143,41 @@ pub enum IdentifyError {
         /// Starts tried.
         starts: usize,
     },
+}
+
+/// A run-in that leaves too little.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RunIn {
+    /// Seconds.
+    pub seconds: f64,
+    /// Whether the call asks for it, and not the log itself.
+    pub is_asked: bool,
+}
+
+impl RunIn {
+    /// Of so many rows of `log`.
+    pub fn new(log: &Log, rows: usize) -> Self {
+        Self { seconds: rows as f64 * log.dt_s, is_asked: rows != log.meta.run_in_rows(None, log.dt_s) }
+    }
+
+    /// What to do about it.
+    pub(crate) fn how_to_shorten(self) -> &'static str {
+        if self.is_asked { "shorten --run-in" } else { "give a shorter --run-in" }
+    }
+}
+
+impl fmt::Display for RunIn {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let by = if self.is_asked || self.seconds == 0.0 { "" } else { " that it states" };
+        write!(f, "a run-in of {} s{by}", self.seconds)
+    }
+}
+
+impl IdentifyError {
+    /// So many rows of `log` are simulated and not scored, of `rows` that there are.
+    pub fn run_in_too_long(log: &Log, rows: usize, run_in: usize) -> Self {
+        Self::RunInTooLong { log: log.name.clone(), rows: rows.saturating_sub(run_in), run_in: RunIn::new(log, run_in) }
+    }
 }
 
 /// `--scale` is for every log.
@@ -260,24 +296,25 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
         let session = Session::new(logs, options, nominal, basis, &simulations, progress);
         session.run().map(|found| report::report(&session, &found))
     };
+    let seen: Vec<(&Log, usize)> = logs.iter().map(|log| (log, run_in_rows(log, options))).collect();
     match &options.from {
         From::Plant(model) => fit(model.as_ref().clone(), Basis::Stated),
         From::BoucWen { mass_kg } => {
-            let (run_in, looks) = looks(logs, options)?;
+            let looks = looks(logs, options)?;
             // Its loop is wide enough to hide a damped resonance from a linear scan, so that its numbers are always fitted.
-            let model = guess::bouc_wen(&logs[0], run_in, &looks, *mass_kg);
+            let model = guess::bouc_wen(&seen, &looks, *mass_kg);
             fit(model, Basis::Guessed { resonance_seen: true })
         }
         From::Operator { kind, mass_kg } => {
-            let (run_in, looks) = looks(logs, options)?;
-            let model = guess::operator(*kind, &logs[0], run_in, &looks, *mass_kg);
+            let looks = looks(logs, options)?;
+            let model = guess::operator(*kind, &seen, &looks, *mass_kg);
             fit(model, Basis::Guessed { resonance_seen: true })
         }
         From::Logs { hysterons, mass_kg } | From::Linear { hysterons, mass_kg } => {
             let linear = matches!(options.from, From::Linear { .. });
-            let (run_in, looks) = looks(logs, options)?;
+            let looks = looks(logs, options)?;
             let guessed = |n: usize| {
-                let (mut model, resonance_seen) = guess::guess(&logs[0], run_in, &looks, n, *mass_kg);
+                let (mut model, resonance_seen) = guess::guess(&seen, &looks, n, *mass_kg);
                 if linear {
                     guess::without_dead_zones(&mut model);
                 }
@@ -303,19 +340,16 @@ pub fn identify(logs: &[Log], options: &Options, progress: Progress<'_>) -> Resu
     }
 }
 
-/// The run-in of the first log, in rows, and what it looks like after that.
-fn looks(logs: &[Log], options: &Options) -> Result<(usize, guess::Looks), IdentifyError> {
-    let of = |log: &Log| {
-        let run_in = run_in_rows(log, options);
-        (run_in, guess::looks_at_all(log, run_in))
-    };
+/// What the first log looks like after its run-in.
+fn looks(logs: &[Log], options: &Options) -> Result<guess::Looks, IdentifyError> {
+    let of = |log: &Log| guess::looks_at_all(log, run_in_rows(log, options));
     let falls = |looks: &guess::Looks| looks.gain_m_per_v < 0.0;
-    let (run_in, looks) = of(&logs[0]);
+    let looks = of(&logs[0]);
     if falls(&looks) {
-        let all = logs.iter().all(|log| falls(&of(log).1));
+        let all = logs.iter().all(|log| falls(&of(log)));
         return Err(IdentifyError::Inverted { log: logs[0].name.clone(), all });
     }
-    Ok((run_in, looks))
+    Ok(looks)
 }
 
 /// Logs that go against the plant that their fit would begin with.
@@ -333,8 +367,7 @@ pub(crate) fn scored_from(rows: usize, run_in: usize) -> usize {
 }
 
 fn run_in_rows(log: &Log, options: &Options) -> usize {
-    let run_in_s = options.run_in_s.or(log.meta.run_in_s).unwrap_or(0.0);
-    (run_in_s / log.dt_s).round().max(0.0) as usize
+    log.meta.run_in_rows(options.run_in_s, log.dt_s)
 }
 
 fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
@@ -345,11 +378,7 @@ fn check(logs: &[Log], options: &Options) -> Result<(), IdentifyError> {
         let run_in = run_in_rows(log, options);
         let rows = log.displacement_m.len();
         if rows < run_in + LEAST_ROWS {
-            return Err(IdentifyError::RunInTooLong {
-                log: log.name.clone(),
-                rows: rows.saturating_sub(run_in),
-                run_in_s: run_in as f64 * log.dt_s,
-            });
+            return Err(IdentifyError::run_in_too_long(log, rows, run_in));
         }
         let constant = |values: &[f64]| values.iter().all(|v| *v == values[0]);
         // A step in the run-in, or at its end, moves what comes after it.
@@ -377,9 +406,7 @@ pub fn fit_start(
     offset_free: bool,
 ) -> Result<(Start, f64), IdentifyError> {
     if log.displacement_m.len() < run_in + LEAST_ROWS {
-        let run_in_s = run_in as f64 * log.dt_s;
-        let rows = log.displacement_m.len().saturating_sub(run_in);
-        return Err(IdentifyError::RunInTooLong { log: log.name.clone(), rows, run_in_s });
+        return Err(IdentifyError::run_in_too_long(log, log.displacement_m.len(), run_in));
     }
     let simulations = AtomicUsize::new(0);
     let mut chain = chain.clone();

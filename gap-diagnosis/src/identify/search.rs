@@ -318,7 +318,8 @@ pub(super) fn shortened<'a>(chain: &Chain, records: &[Record<'a>]) -> Vec<Record
     let share = CHEAP as f64 / work as f64;
     let cut = |record: &Record<'a>| {
         let scored = (((record.rows - record.run_in) as f64 * share) as usize).max(LEAST_ROWS);
-        Record { rows: record.rows.min(record.run_in + scored), ..record.clone() }
+        let from = guess::moves_from(record.log, record.run_in);
+        Record { rows: record.rows.min(from + scored), ..record.clone() }
     };
     if share < 1.0 { records.iter().map(cut).collect() } else { records.to_vec() }
 }

@@ -6,7 +6,7 @@
 //! with its own offset. The order is chosen by the Bayesian criterion, counted in independent samples.
 
 use super::search::{self, FINE};
-use super::{IdentifyError, LogFit, Options, check, run_in_rows};
+use super::{IdentifyError, LogFit, Options, check, guess, run_in_rows};
 use crate::residual::{Autocorrelation, LAGS, aic_bic, noise_rms, samples_per_independent};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
@@ -133,7 +133,7 @@ fn bandwidths_hz(dt_s: f64) -> Vec<f64> {
 
 fn estimate(logs: &[Log], options: &Options, order: usize, zeros: usize) -> Option<Estimate> {
     let records: Vec<Signal<'_>> = logs.iter().map(|log| Signal::new(log, options)).collect();
-    let gain = super::guess::looks_at_all(&logs[0], run_in_rows(&logs[0], options)).gain_m_per_v;
+    let gain = guess::looks_at_all(&logs[0], run_in_rows(&logs[0], options)).gain_m_per_v;
     let mut best: Option<(f64, Fit<'_>)> = None;
     for hz in bandwidths_hz(logs[0].dt_s) {
         let Some(theta) = instrumental(&records, order, zeros, std::f64::consts::TAU * hz, gain) else { continue };
@@ -260,7 +260,7 @@ fn instrumental(signals: &[Signal<'_>], n: usize, m: usize, rate: f64, gain: f64
         let width = n + m + 1 + signals.len();
         let (mut normal, mut right) = (DMatrix::zeros(width, width), DVector::zeros(width));
         for (index, signal) in signals.iter().enumerate() {
-            let rows = signal.log.len().min(FIRST_ROWS);
+            let rows = signal.log.len().min(guess::moves_from(signal.log, signal.run_in) + FIRST_ROWS);
             let dt = signal.log.dt_s * rate;
             let u: Vec<f64> = signal.log.command_v[..rows].iter().map(|v| v - signal.before_v).collect();
             let base_m = signal.log.displacement_m[0];
