@@ -396,6 +396,8 @@ impl RowReader {
                 }
             }
         }
+        // What grew by doubling may hold twice what it needs.
+        columns.iter_mut().for_each(Vec::shrink_to_fit);
         let mut take = |column: Column| std::mem::take(&mut columns[column.idx()]);
         let mut optional = |column: Column| self.has[column.idx()].then(|| take(column));
         Ok(Log {
