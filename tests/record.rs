@@ -66,9 +66,7 @@ fn the_thesis_protocol_with_both_controllers_is_one_directory_and_repeats_from_i
 /// A controller's limits are its loop's: what drives in open loop has the board's own, whichever ran before it.
 #[test]
 fn an_open_loop_has_the_boards_own_limits_beside_a_controller_of_narrow_ones() {
-    let folder = Folder::new("record-limits");
-    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
-    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let folder = with_narrow_controller("record-limits");
     let words = "--spec hold:60V@0.02s --spec step:20um@0.02s --controller @/narrow.toml";
     succeeded(&run(&folder, &call(words, "run")));
     let facts = parsed(&folder.read("run/run.json"));
@@ -227,12 +225,18 @@ fn a_full_disk_ends_it_in_one_line() {
     assert_eq!(parsed(&folder.read("run/link.json"))["is_complete"], false);
 }
 
+/// A folder with a controller of narrower limits than the board's own, `narrow.toml`.
+fn with_narrow_controller(name: &str) -> Folder {
+    let folder = Folder::new(name);
+    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
+    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    folder
+}
+
 #[test]
 fn a_board_has_its_own_limits_again_after_a_refusal() {
     let Some(image) = image() else { return };
-    let folder = Folder::new("record-refused");
-    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
-    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let folder = with_narrow_controller("record-refused");
     let (_server, place) = served(&image, &["--pace", "lockstep"]);
     let at = format!("--board tcp:{place} --patience-ms 60000");
     let set_to = || json(&run(&folder, &format!("board parameters {at} --json")))["parameters"].clone();
@@ -250,9 +254,7 @@ fn a_board_has_its_own_limits_again_after_a_refusal() {
 #[test]
 fn interrupted_it_stops_the_board_and_gives_it_its_own_limits_back() {
     let Some(image) = image() else { return };
-    let folder = Folder::new("record-interrupted");
-    let pi1 = std::fs::read_to_string(root().join(PI1)).expect("ours");
-    folder.write("narrow.toml", pi1.replace("value = -90.0", "value = -50.0").replace("value = 90.0", "value = 50.0"));
+    let folder = with_narrow_controller("record-interrupted");
     // Time passes for the board while it answers, so that a busy machine is no silence.
     let (_server, place) = served(&image, &["--pace", "lockstep"]);
     let at = format!("--board tcp:{place} --patience-ms 60000");

@@ -15,7 +15,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use support::{Client, file, in_process, serve, setting, start};
+use support::{Bench, Client, file, in_process, serve, setting, start};
 use tungstenite::Message;
 
 #[test]
@@ -173,18 +173,34 @@ fn parameters_change_as_one_while_it_runs_and_go_back() {
     );
 }
 
-#[test]
-fn a_fault_is_named_and_left_by_hand() {
-    let bench = in_process();
+/// Waits until a recording is whole.
+fn ends_by_itself(bench: &Bench, recording: &str) {
+    let link = bench.runs.join(recording).join("link.json");
+    let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
+    let begun = std::time::Instant::now();
+    while !is_complete() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "it goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// A page that has control, and a recording under way in which the board has tripped: 70 V hold the bender at 132 um, beyond 120 um.
+fn tripped(bench: &Bench, recording: &str) -> Client {
     let mut page = bench.page();
-    // 70 V hold the bender at 132 um: beyond the trip of 120 um.
     page.order("take-control").expect("it is free");
     page.ask(json!({ "do": "play", "text": "hold:70V" })).expect("a SPEC");
-    page.ask(json!({ "do": "record", "name": "tripped" })).expect("room on the disk");
+    page.ask(json!({ "do": "record", "name": recording })).expect("room on the disk");
     for what in ["arm", "run"] {
         page.order(what).expect(what);
     }
     page.until("the fault", |message| message["kind"] == "status" && message["fault"] == "displacement trip");
+    page
+}
+
+#[test]
+fn a_fault_is_named_and_left_by_hand() {
+    let bench = in_process();
+    let mut page = tripped(&bench, "tripped");
     assert!(page.order("arm").is_err());
     page.order("clear-fault").expect("at 0 V");
     page.mode("idle");
@@ -465,13 +481,7 @@ fn a_recording_that_every_page_has_left_ends() {
     page.run();
     page.record("left");
     drop(page);
-    let link = bench.runs.join("left/link.json");
-    let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
-    let begun = std::time::Instant::now();
-    while !is_complete() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "it goes on");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    ends_by_itself(&bench, "left");
     let mut next = bench.page();
     next.until("no recording", |message| message["kind"] == "status" && message["recording"].is_null());
     next.event("the recording was left by every page, and ends");
@@ -481,22 +491,8 @@ fn a_recording_that_every_page_has_left_ends() {
 #[test]
 fn a_recording_in_a_fault_that_every_page_has_left_ends() {
     let bench = in_process();
-    let mut page = bench.page();
-    page.order("take-control").expect("it is free");
-    page.ask(json!({ "do": "play", "text": "hold:70V" })).expect("a SPEC");
-    page.ask(json!({ "do": "record", "name": "left" })).expect("room on the disk");
-    for what in ["arm", "run"] {
-        page.order(what).expect(what);
-    }
-    page.until("the fault", |message| message["kind"] == "status" && message["fault"] == "displacement trip");
-    drop(page);
-    let link = bench.runs.join("left/link.json");
-    let is_complete = || std::fs::read_to_string(&link).is_ok_and(|text| text.contains("\"is_complete\": true"));
-    let begun = std::time::Instant::now();
-    while !is_complete() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "it goes on");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    drop(tripped(&bench, "left"));
+    ends_by_itself(&bench, "left");
     let mut next = bench.page();
     next.event("the recording was left by every page, and ends");
     next.until("at rest", |message| message["kind"] == "status" && message["mode"] == "fault");
