@@ -452,7 +452,7 @@ fn logs(page: &mut Page, logs: &[DiagnosedLog]) {
         })
         .collect();
     page.table(
-        "Rms of measured minus predicted per log, where its start is told",
+        "Rms of measured minus predicted per log; of one never fitted behind the rows that tell its start",
         &["log", "use", "samples", "nominal", "refit", "with the effects", "noise"],
         &rows,
     );
