@@ -2,7 +2,7 @@
 
 mod clock;
 
-use crate::chain::{Chain, Held, Simulator};
+use crate::chain::{Chain, Held, Reading, Simulator};
 use crate::log::{Hold, Log, Meta};
 use crate::phs::PhsState;
 use crate::resample::{self, Resampler};
@@ -75,6 +75,21 @@ impl Start {
 /// Pieces of a sample's line where a law bends along it.
 const LINE_PIECES: usize = 16;
 
+/// Pieces that a row is stepped through in. A band-limited command is more than one, and so is a line that a transducer's hysteresis bends: by then
+/// 10 V a sample leave 1e-10 of full scale.
+fn pieces(chain: &Chain, hold: Hold) -> usize {
+    match hold {
+        Hold::Bandlimited => resample::PIECES,
+        Hold::Foh if chain.parts.transducer.is_some() => LINE_PIECES,
+        Hold::Foh | Hold::Zoh => 1,
+    }
+}
+
+/// The sensor of `chain`, read at the samples that a [`Stream`] of `log` numbers; see [`Stream::before_reading`].
+pub fn reading_of(chain: &Chain, log: &Log) -> Reading {
+    Reading::new(&chain.sensor, log.dt_s / pieces(chain, log.meta.hold) as f64)
+}
+
 /// Feeds commands one by one, as a log's `hold` says, and reads the displacement before each.
 ///
 /// What a hold needs to know of the commands to come is [`Player::look_ahead`]. Where fewer are known the last one is held, as at the
@@ -90,13 +105,7 @@ pub struct Player {
 impl Player {
     /// A chain ready to play rows that are `sample_s` apart.
     pub fn new(chain: &Chain, sample_s: f64, latency_s: f64, hold: Hold, start: &Start) -> Self {
-        // A band-limited command is stepped through piece by piece, and so is a line that a transducer's hysteresis bends: by then
-        // 10 V a sample leave 1e-10 of full scale.
-        let pieces = match hold {
-            Hold::Bandlimited => resample::PIECES,
-            Hold::Foh if chain.parts.transducer.is_some() => LINE_PIECES,
-            Hold::Foh | Hold::Zoh => 1,
-        };
+        let pieces = pieces(chain, hold);
         let sample_s = sample_s / pieces as f64;
         let mut simulator = Simulator::new(chain, sample_s, latency_s);
         simulator.start_from(&start.state, start.drive_v);
@@ -203,8 +212,8 @@ pub struct Stream {
     pub drive_v: f64,
     /// See `drive_v`.
     pub motion: (f64, f64),
-    /// Displacement behind the sensor's play and lag, metres, and the time, seconds, that the last reading was made of, if the log has one clock.
-    pub before_reading: (f64, f64),
+    /// Displacement behind the sensor's play and lag, metres, that the last reading was made of, and its sample's number, if the log has one clock.
+    pub before_reading: (f64, u64),
 }
 
 impl Stream {
@@ -213,7 +222,7 @@ impl Stream {
         let player = Player::new(chain, sample_s, meta.latency_s, meta.hold, start);
         let ahead = 1 + player.look_ahead();
         let clock = Clock::of(chain, sample_s, meta, start);
-        Self { player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0.0) }
+        Self { player, ahead, clock, row: 0, drive_v: 0.0, motion: (0.0, 0.0), before_reading: (0.0, 0) }
     }
 
     /// Rows that have to be known before the next one is read: from the first to before the second, or as many as the log has.

@@ -7,7 +7,7 @@ use crate::identify::problem::Base;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plant_sim::chain::{Chain, Parts, Sensor};
 use plant_sim::effects::{Role, Scales, Scope};
-use plant_sim::log::{Hold, Log};
+use plant_sim::log::{Hold, Log, Meta};
 use plant_sim::model::Model;
 use plant_sim::param::{ASSUMED_MASS_SIGMA, ASSUMED_SIGMA, Param};
 use plant_sim::replay::Start;
@@ -590,13 +590,17 @@ fn thinned(log: &Log, least_hz: f64) -> Option<Thinned> {
         return None;
     }
     let mean = |rows: &[f64]| rows.iter().sum::<f64>() / rows.len() as f64;
+    let dt_s = log.dt_s * factor as f64;
+    // A row stands for all that it replaces, which lie later in the mean; a command that comes within a row would cost every simulation as much again.
+    let later_s = 0.5 * (dt_s - log.dt_s);
+    let latency_s = dt_s * ((log.meta.latency_s - later_s) / dt_s).round().max(0.0);
     let log = Log {
         name: log.name.clone(),
         time_start_s: log.time_start_s,
-        dt_s: log.dt_s * factor as f64,
+        dt_s,
         command_v: log.command_v.chunks(factor).map(mean).collect(),
         displacement_m: log.displacement_m.iter().step_by(factor).copied().collect(),
-        meta: log.meta.clone(),
+        meta: Meta { latency_s, ..log.meta.clone() },
         ..Log::default()
     };
     Some(Thinned { factor, log })

@@ -4,9 +4,9 @@
 use super::bench::{Bench, Record};
 use super::hypothesis::Hypothesis;
 use nalgebra::{DMatrix, DVector};
-use plant_sim::chain::{Chain, Sensor};
+use plant_sim::chain::{Chain, Reading};
 use plant_sim::log::Log;
-use plant_sim::replay::{Reader, Start};
+use plant_sim::replay::{Reader, Start, reading_of};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -151,7 +151,7 @@ pub(super) enum Beside<'a> {
     /// Played for itself.
     Played(Reader<'a>),
     /// The same plant as the other one, read by another sensor: what that one saw is all that it takes.
-    Read(Sensor),
+    Read(Reading),
 }
 
 impl<'a> Beside<'a> {
@@ -165,17 +165,17 @@ impl<'a> Beside<'a> {
     ) -> Self {
         let (chain, start) = at(bench, hypothesis, z, index);
         if !chain.sensor.has_own_clock() && start == other.1 && chain.differs_in_reading_only(&other.0) {
-            return Self::Read(chain.sensor);
+            return Self::Read(reading_of(&chain, log));
         }
         Self::Played(Reader::new(&chain, log, &start))
     }
 
     /// Its next rows, where the other one's were `base` and saw `seen`.
-    pub fn predict(&mut self, record: &Record<'_>, base: &[f64], seen: &[(f64, f64)]) -> Vec<f64> {
+    pub fn predict(&mut self, record: &Record<'_>, base: &[f64], seen: &[(f64, u64)]) -> Vec<f64> {
         match self {
             Self::Played(reader) => predict(record, reader, seen.len()),
-            Self::Read(sensor) => {
-                let read = seen.iter().map(|&(displacement_m, time_s)| sensor.predictable_m(displacement_m, time_s));
+            Self::Read(reading) => {
+                let read = seen.iter().map(|&(displacement_m, sample)| reading.at_m(displacement_m, sample));
                 read.chain(base[seen.len()..].iter().copied()).collect()
             }
         }
@@ -204,7 +204,7 @@ pub(super) struct Chunk {
     /// Prediction at the rows of the sensitivities; see [`predict`].
     pub base: Vec<f64>,
     /// What the sensor made it of, and when; see [`plant_sim::replay::Stream::before_reading`].
-    pub seen: Vec<(f64, f64)>,
+    pub seen: Vec<(f64, u64)>,
     /// Derivatives of that by each coordinate.
     pub columns: Vec<Vec<f64>>,
     /// Which of these rows are fitted, ..
@@ -315,7 +315,7 @@ fn predict_seeing(
     record: &Record<'_>,
     reader: &mut Reader<'_>,
     rows: usize,
-    mut see: impl FnMut((f64, f64)),
+    mut see: impl FnMut((f64, u64)),
 ) -> Vec<f64> {
     let monitor = record.monitor_m_per_v();
     let mut predicted = vec![0.0; if monitor.is_some() { 2 * rows } else { rows }];

@@ -1,6 +1,7 @@
 //! The drive: what stands between the controller's number and the volts on the actuator.
 
-use super::{Growth, Lag, Swing, TYPICAL_V};
+use super::{Growth, Held, Lag, Swing, TYPICAL_V};
+use crate::exact::Stepper;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -253,5 +254,26 @@ impl Output {
             return self.drive.output_v(command_v);
         }
         (self.drive.gain * command_v).clamp(self.drive.range_v[0], self.drive.range_v[1])
+    }
+
+    /// Moves over `span`, which lasts `duration_s`, on a command that has been held for `age_s` by then, under force `alpha` times drive minus
+    /// `force_n`; returns the volts at its end.
+    #[inline]
+    pub(super) fn hold(
+        &self,
+        stepper: &mut dyn Stepper,
+        span: usize,
+        held: Held,
+        [age_s, duration_s]: [f64; 2],
+        [alpha, force_n]: [f64; 2],
+    ) -> f64 {
+        let start_v = self.at_v(held.start_v + held.slope_v_per_s * age_s);
+        if held.slope_v_per_s == 0.0 {
+            stepper.advance(span, alpha * start_v - force_n, 0.0);
+            return start_v;
+        }
+        let end_v = self.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+        stepper.advance(span, alpha * start_v - force_n, alpha * (end_v - start_v) / duration_s);
+        end_v
     }
 }

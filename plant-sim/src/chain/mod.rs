@@ -12,6 +12,7 @@ mod leak;
 mod parts;
 mod path;
 pub mod power;
+mod reading;
 mod readout;
 mod relax;
 mod sensor;
@@ -23,6 +24,7 @@ mod waveform;
 pub use drive::{Arrivals, Drive, Heat, Hinge, Late, Steeper, Warming};
 pub use lag::{Growth, Lag};
 pub use parts::{Arm, Bend, BendLaw, Force, Joint, Mode, Parts, Relaxation, Shake};
+pub use reading::Reading;
 pub use sensor::{Cycle, Drift, Flaw, Gap, Line, Sensor, SensorState, Settling, Stairs, Swing};
 pub use transducer::DriveHysteresis;
 
@@ -30,6 +32,7 @@ use crate::exact::{Dynamics, MAX_STATES, Push, Spans, Stepper, pack, stepper, un
 use crate::linear::StateSpace;
 use crate::phs::{Phs, PhsState};
 use drive::Output;
+use reading::Phasor;
 use readout::Readout;
 use shaking::Shaking;
 use std::collections::VecDeque;
@@ -108,6 +111,8 @@ pub struct Simulator {
     shaking: Shaking,
     transducer: Option<Transducer>,
     is_massless: bool,
+    /// Nothing warms, wanders or shakes, nothing but the drive's line pulls, and the mass takes its time.
+    is_bare: bool,
     linear: Option<Box<Instead>>,
     sample_s: f64,
     pace: Pace,
@@ -115,6 +120,8 @@ pub struct Simulator {
     acting_v: f64,
     heats: Vec<HeatState>,
     swings: Vec<Swing>,
+    /// Of each of them, in the middle of samples.
+    swung: Vec<Phasor>,
 }
 
 /// A linear plant that the engine steps in place of actuator and structure; its first state is what is seen.
@@ -152,6 +159,8 @@ struct Queue {
     before_samples: f64,
     /// Time from a sample's start until the command that arrives within it does; zero if commands arrive at sample starts.
     fraction_s: f64,
+    /// Commands arrive when they are given.
+    is_at_once: bool,
 }
 
 /// Warmth and what it makes of the gain.
@@ -230,6 +239,11 @@ impl Simulator {
             shaking: Shaking::new(&parts.shakes, spans),
             transducer: parts.transducer.clone().map(Transducer::new),
             is_massless: parts.is_massless,
+            is_bare: chain.drive.warmings.is_empty()
+                && chain.drive.swings.is_empty()
+                && parts.shakes.is_empty()
+                && parts.transducer.is_none()
+                && !parts.is_massless,
             linear: linear.map(|space| {
                 let rate = (space.a.row(0).iter().copied().collect(), space.b[0]);
                 Box::new(Instead { space, rate })
@@ -238,6 +252,7 @@ impl Simulator {
             pace,
             acting_v: 0.0,
             heats: chain.drive.warmings.iter().map(|warming| HeatState::new(*warming, sample_s)).collect(),
+            swung: chain.drive.swings.iter().map(|swing| Phasor::new(swing.hz, sample_s, 0.5 * sample_s)).collect(),
             swings: chain.drive.swings.clone(),
         }
     }
@@ -343,14 +358,14 @@ impl Simulator {
     /// Displacement and velocity of the structure, in metres and m/s, at the present sample's start.
     pub fn motion(&self) -> (f64, f64) {
         let at_once_m = self.linear.as_ref().map_or(0.0, |linear| linear.space.d * self.acting_v);
-        (self.stepper.state(0) + at_once_m, self.velocity_m_per_s())
+        (self.stepper.states()[0] + at_once_m, self.velocity_m_per_s())
     }
 
     #[inline]
     fn velocity_m_per_s(&self) -> f64 {
-        let Some(linear) = &self.linear else { return self.stepper.state(1) };
-        let row = linear.rate.0.iter().enumerate();
-        let rate = row.map(|(i, weight)| weight * self.stepper.state(i)).sum::<f64>();
+        let state = self.stepper.states();
+        let Some(linear) = &self.linear else { return state[1] };
+        let rate = linear.rate.0.iter().zip(state).map(|(weight, x)| weight * x).sum::<f64>();
         rate + linear.rate.1 * self.acting_v
     }
 
@@ -364,22 +379,40 @@ impl Simulator {
         self.readout.reading_m()
     }
 
-    /// What the sensor turns into that reading, in metres, and when, in seconds since the start: behind play and lag.
-    pub fn before_reading(&self) -> (f64, f64) {
-        (self.readout.before_reading_m(), self.readout.time_s())
+    /// What the sensor turns into that reading, in metres, behind play and lag, and the number of that sample, for [`Reading::at_m`].
+    pub fn before_reading(&self) -> (f64, u64) {
+        (self.readout.before_reading_m(), self.readout.sample())
     }
 
+    #[inline]
     fn seen_m(&self) -> f64 {
-        self.seen.iter().map(|&state| self.stepper.state(state)).sum::<f64>()
+        let state = self.stepper.states();
+        self.seen.iter().map(|&seen| state[seen]).sum::<f64>()
             + self.outside.iter().map(|(_, mode)| mode.state(0)).sum::<f64>()
             + self.linear.as_ref().map_or(0.0, |linear| linear.space.d * self.acting_v)
     }
 
     /// Takes the command of the present sample and moves to the next sample's start, under external force `force_n`,
     /// which acts against positive displacement.
+    #[inline]
     pub fn advance(&mut self, command: Held, force_n: f64) {
+        match &mut self.pace {
+            // Most samples of most plants: nothing of what follows acts.
+            Pace::Exact(queue) if self.is_bare => {
+                let pull = [self.plant.transduction_c_per_m, force_n];
+                self.acting_v = queue.hold(self.stepper.as_mut(), self.sample_s, command, pull);
+                self.readout.advance(self.seen_m(), self.velocity_m_per_s());
+            }
+            _ => self.advance_any(command, force_n),
+        }
+    }
+
+    /// The same for every plant.
+    #[inline(never)]
+    fn advance_any(&mut self, command: Held, force_n: f64) {
         let sample_start_s = self.readout.time_s();
-        let swung = Swing::gain(&self.swings, sample_start_s + 0.5 * self.sample_s);
+        let sample = self.readout.sample();
+        let swung = Swing::gain(&self.swings, |number, _| self.swung[number].at(sample));
         let from_m = self.is_massless.then(|| self.stepper.state(0));
         let gain = self.heats.iter().map(HeatState::gain).product::<f64>() * swung;
         let alpha = self.plant.transduction_c_per_m * gain;
@@ -484,11 +517,27 @@ impl Queue {
             before: Held::zero_order(0.0),
             before_samples: whole + if fraction > 0.0 { 1.0 } else { 0.0 },
             fraction_s: fraction * sample_s,
+            is_at_once: whole < 1.0 && fraction == 0.0,
         }
     }
 
-    /// Steps through one sample under force `alpha` times drive minus `force_n`; returns the volts at its end.
+    /// Steps through one sample under force `alpha` times drive minus `force_n`, where nothing else pulls; returns the volts at its end.
     #[inline]
+    fn hold(&mut self, stepper: &mut dyn Stepper, sample_s: f64, command: Held, pull: [f64; 2]) -> f64 {
+        if self.is_at_once {
+            return self.output.hold(stepper, 0, command, [0.0, sample_s], pull);
+        }
+        let [acting, arriving] = self.take(command);
+        let first_s = self.fraction_s;
+        if first_s == 0.0 {
+            return self.output.hold(stepper, 0, acting, [0.0, sample_s], pull);
+        }
+        // The old command has acted for the rest of a sample already.
+        self.output.hold(stepper, 0, acting, [sample_s - first_s, first_s], pull);
+        self.output.hold(stepper, 1, arriving, [0.0, sample_s - first_s], pull)
+    }
+
+    /// The same where something does.
     #[expect(clippy::too_many_arguments, reason = "one sample needs them all, and a struct would be made anew in each")]
     fn advance(
         &mut self,
@@ -500,12 +549,11 @@ impl Queue {
         [alpha, gain]: [f64; 2],
         force_n: f64,
     ) -> f64 {
-        self.pending.push_back(command);
-        let acting = self.take_oldest();
+        let [acting, arriving] = self.take(command);
         let output = &self.output;
         let mut push = |span: usize, held: Held, age_s: f64, [from_s, duration_s]: [f64; 2]| {
-            let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
             if transducer.is_some() || !shaking.is_empty() {
+                let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
                 let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
                 let slope = (end_v - start_v) / duration_s;
                 let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
@@ -519,30 +567,28 @@ impl Queue {
                 stepper.push(span, push);
                 return end_v;
             }
-            if held.slope_v_per_s == 0.0 {
-                stepper.advance(span, alpha * start_v - force_n, 0.0);
-                return start_v;
-            }
-            let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
-            stepper.advance(span, alpha * start_v - force_n, alpha * (end_v - start_v) / duration_s);
-            end_v
+            output.hold(stepper, span, held, [age_s, duration_s], [alpha, force_n])
         };
         if self.fraction_s > 0.0 {
-            // The old command has acted for the rest of a sample already.
             push(0, acting, sample_s - self.fraction_s, [0.0, self.fraction_s]);
-            let arriving = if self.before_samples >= 1.0 { Some(self.before) } else { self.pending.front().copied() };
-            push(1, arriving.unwrap_or(command), 0.0, [self.fraction_s, sample_s - self.fraction_s])
+            push(1, arriving, 0.0, [self.fraction_s, sample_s - self.fraction_s])
         } else {
             push(0, acting, 0.0, [0.0, sample_s])
         }
     }
 
-    fn take_oldest(&mut self) -> Held {
-        if self.before_samples >= 1.0 {
+    /// Takes the command of the sample that begins; returns what acts at its start and what comes within it.
+    #[inline]
+    fn take(&mut self, command: Held) -> [Held; 2] {
+        self.pending.push_back(command);
+        let acting = if self.before_samples >= 1.0 {
             self.before_samples -= 1.0;
-            return self.before;
-        }
-        self.pending.pop_front().unwrap_or(self.before)
+            self.before
+        } else {
+            self.pending.pop_front().unwrap_or(self.before)
+        };
+        let arriving = if self.before_samples >= 1.0 { Some(self.before) } else { self.pending.front().copied() };
+        [acting, arriving.unwrap_or(command)]
     }
 }
 

@@ -3,6 +3,7 @@
 //! A lag without play before it is linear and belongs to the engine, which steps it exactly.
 
 use super::lag::{LagState, at, later};
+use super::reading::Reading;
 use super::{Arm, Lag, Parts, Relaxation, Sensor};
 
 /// Contacts that share a joint whose plays are spread.
@@ -15,14 +16,15 @@ const ROUNDING_M: f64 = 1e-17;
 /// The sensor's state.
 pub(super) struct Readout {
     sensor: Sensor,
-    /// The reading is a gain and an offset, which needs none of the rest at every sample.
-    is_affine: bool,
+    reading: Reading,
     sample_s: f64,
     sample: u64,
     /// A structure without mass goes in straight lines from row to row, as far as anybody knows.
     goes_straight: bool,
     /// Nothing but play without drag stands before the lag.
     lags_behind_plain_play: bool,
+    /// What is seen is what is read: no play, lag, creep or arm stands between.
+    is_seen: bool,
     /// Displacement behind each play at this sample, of as many as there are; then the mean's, and its velocity.
     contacts_m: [f64; CONTACTS],
     contacts: usize,
@@ -61,8 +63,9 @@ impl Readout {
         let is_alone = parts.creep.is_empty() && parts.arms.is_empty();
         Self {
             lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && is_plain && is_alone,
+            is_seen: lag.is_none() && sensor.play_m <= 0.0 && is_plain && is_alone,
             sensor: Sensor { lag, ..sensor.clone() },
-            is_affine: sensor.is_affine(),
+            reading: Reading::new(sensor, sample_s),
             goes_straight: parts.is_massless,
             sample_s,
             sample: 0,
@@ -112,6 +115,17 @@ impl Readout {
     #[inline]
     pub(super) fn advance(&mut self, displacement_m: f64, velocity_m_per_s: f64) {
         self.sample += 1;
+        if self.is_seen {
+            self.structure = [displacement_m, velocity_m_per_s];
+            self.behind_m = displacement_m;
+            return;
+        }
+        self.pass(displacement_m, velocity_m_per_s);
+    }
+
+    /// The same of what stands between.
+    #[inline(never)]
+    fn pass(&mut self, displacement_m: f64, velocity_m_per_s: f64) {
         if self.goes_straight {
             (self.structure[1], self.behind_m_per_s) = (velocity_m_per_s, velocity_m_per_s);
         }
@@ -233,10 +247,7 @@ impl Readout {
     /// The reading at this sample.
     #[inline]
     pub(super) fn reading_m(&self) -> f64 {
-        if self.is_affine {
-            return self.sensor.gain * self.before_reading_m() + self.sensor.offset_m;
-        }
-        self.sensor.predictable_m(self.before_reading_m(), self.time_s())
+        self.reading.at_m(self.before_reading_m(), self.sample)
     }
 
     /// What that reading is made of.
@@ -246,7 +257,12 @@ impl Readout {
         seen_m + self.sensor.late_s * self.structure[1]
     }
 
-    /// When this sample is, from the start on.
+    /// Number of this sample, from the start on.
+    pub(super) fn sample(&self) -> u64 {
+        self.sample
+    }
+
+    /// When that is.
     pub(super) fn time_s(&self) -> f64 {
         self.sample as f64 * self.sample_s
     }

@@ -100,13 +100,13 @@ pub struct Swing {
 }
 
 impl Swing {
-    /// The gain that `swings` make together at `time_s`.
-    pub(super) fn gain(swings: &[Swing], time_s: f64) -> f64 {
-        let one = |swing: &Swing| {
-            let (sin, cos) = (std::f64::consts::TAU * swing.hz * time_s).sin_cos();
+    /// The gain that `swings` make together, where `turned` tells sine and cosine of each by number and frequency.
+    pub(super) fn gain(swings: &[Swing], turned: impl Fn(usize, f64) -> (f64, f64)) -> f64 {
+        let one = |(number, swing): (usize, &Swing)| {
+            let (sin, cos) = turned(number, swing.hz);
             swing.cos_share * (1.0 - cos) + swing.sin_share * sin
         };
-        1.0 + swings.iter().map(one).sum::<f64>()
+        1.0 + swings.iter().enumerate().map(one).sum::<f64>()
     }
 }
 
@@ -228,6 +228,17 @@ impl Sensor {
 
     /// The reading of a displacement (behind play and lag) at time `time_s`, without what is random.
     pub fn predictable_m(&self, displacement_m: f64, time_s: f64) -> f64 {
+        self.reading_m(displacement_m, time_s, |_, hz| (std::f64::consts::TAU * hz * time_s).sin_cos())
+    }
+
+    /// The same where `turned` tells sine and cosine of each wave by number, swings first, and frequency.
+    #[inline]
+    pub(super) fn reading_m(
+        &self,
+        displacement_m: f64,
+        time_s: f64,
+        turned: impl Fn(usize, f64) -> (f64, f64),
+    ) -> f64 {
         let lost = |gap: &Gap| (displacement_m - gap.at_m).clamp(-0.5 * gap.width_m, 0.5 * gap.width_m);
         let displacement_m = displacement_m - self.gaps.iter().map(lost).sum::<f64>();
         let bent =
@@ -235,7 +246,7 @@ impl Sensor {
         let settled = |settling: &Settling| 1.0 - settling.share * (-time_s / settling.time_constant_s).exp_m1();
         let settled = self.settlings.iter().map(settled).product::<f64>();
         let bent = bent + self.gain_skew * displacement_m.abs();
-        let mut reading_m = self.gain * settled * Swing::gain(&self.swings, time_s) * bent + self.offset_m;
+        let mut reading_m = self.gain * settled * Swing::gain(&self.swings, &turned) * bent + self.offset_m;
         for flaw in &self.flaws {
             let apart = (displacement_m - flaw.at_m) / flaw.width_m;
             reading_m += flaw.bump_m * (-0.5 * apart * apart).exp() + flaw.rise_m * apart.clamp(-1.0, 1.0);
@@ -248,8 +259,8 @@ impl Sensor {
             reading_m +=
                 amplitude_m * if time_constant_s.is_finite() { -(-time_s / time_constant_s).exp_m1() } else { time_s };
         }
-        for line in &self.lines {
-            let (sin, cos) = (std::f64::consts::TAU * line.hz * time_s).sin_cos();
+        for (number, line) in self.lines.iter().enumerate() {
+            let (sin, cos) = turned(self.swings.len() + number, line.hz);
             reading_m += line.cos_m * cos + line.sin_m * sin;
         }
         match self.stairs {

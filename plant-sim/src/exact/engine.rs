@@ -374,6 +374,7 @@ impl<const N: usize> Engine<N> {
             })
     }
 
+    #[inline(always)]
     fn advance_audited<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, audit: &mut A) {
         let duration_s = self.durations_s[span];
         if duration_s == 0.0 {
@@ -412,7 +413,7 @@ impl<const N: usize> Engine<N> {
         }
         'region: while left_s > 1e-15 * duration_s {
             let halvings = self.open_sets[self.regions[self.region].open_set].halvings[span];
-            let tick_s = duration_s * 0.5f64.powi(halvings as i32);
+            let tick_s = duration_s * halved(halvings);
             // Whole ticks left, and the fraction of a tick that a crossing left behind; rounding must not make a tick of nothing.
             let ticks = (left_s / tick_s * (1.0 + 1e-12)).floor();
             let fraction_s = left_s - ticks * tick_s;
@@ -439,7 +440,7 @@ impl<const N: usize> Engine<N> {
                 }
                 let region = &self.regions[self.region];
                 let rung = (level - coarsest) as usize;
-                let move_s = duration_s * 0.5f64.powi(level as i32);
+                let move_s = duration_s * halved(level);
                 let map = &self.open_sets[region.open_set].ladders[span][rung];
                 let offset = self.with_rates(map, &region.offsets[span][rung]);
                 let y = self.moved::<ORDER>(map, &offset, now);
@@ -592,7 +593,7 @@ impl<const N: usize> Engine<N> {
     }
 
     pub(crate) fn span_s(&self, span: usize, rung: usize) -> f64 {
-        self.durations_s[span] * 0.5f64.powi(self.coarsest[span] as i32 + rung as i32)
+        self.durations_s[span] * halved(self.coarsest[span] + rung as u32)
     }
 
     pub(crate) fn current_signs(&self) -> Signs {
@@ -628,6 +629,12 @@ fn inside<const N: usize>(region: &Region<N>, x: &[f64; N]) -> bool {
 #[inline(always)]
 fn excess(zone: &DeadZone, sign: f64, v: f64) -> f64 {
     if sign == 0.0 { zone.edge - v.abs() } else { sign * v - zone.edge }
+}
+
+/// One, halved so often; exact, as the exponent is all that changes.
+#[inline(always)]
+fn halved(times: u32) -> f64 {
+    f64::from_bits((1023 - u64::from(times.min(1022))) << 52)
 }
 
 /// Smallest h with `product / 2^h <= 1`.
@@ -727,7 +734,11 @@ fn refine(mut low: f64, mut high: f64, start: f64, end: f64, f: impl Fn(f64) -> 
 
 impl<const N: usize> Stepper for Engine<N> {
     fn advance(&mut self, span: usize, force_n: f64, slope_n_per_s: f64) {
-        self.push(span, Push::ramp(force_n, slope_n_per_s));
+        if slope_n_per_s == 0.0 {
+            self.advance_audited::<0, NoAudit>(span, Push::held(force_n), &mut NoAudit);
+        } else {
+            self.push(span, Push::ramp(force_n, slope_n_per_s));
+        }
     }
 
     fn push(&mut self, span: usize, push: Push) {
