@@ -532,6 +532,11 @@ impl Queue {
         if first_s == 0.0 {
             return self.output.hold(stepper, 0, acting, [0.0, sample_s], pull);
         }
+        if acting.slope_v_per_s == 0.0 && arriving.slope_v_per_s == 0.0 {
+            let drive_v = [acting, arriving].map(|held| self.output.at_v(held.start_v));
+            stepper.advance_both(drive_v.map(|drive_v| pull[0] * drive_v - pull[1]));
+            return drive_v[1];
+        }
         // The old command has acted for the rest of a sample already.
         self.output.hold(stepper, 0, acting, [sample_s - first_s, first_s], pull);
         self.output.hold(stepper, 1, arriving, [0.0, sample_s - first_s], pull)

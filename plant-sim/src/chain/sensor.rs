@@ -233,12 +233,7 @@ impl Sensor {
 
     /// The same where `turned` tells sine and cosine of each wave by number, swings first, and frequency.
     #[inline]
-    pub(super) fn reading_m(
-        &self,
-        displacement_m: f64,
-        time_s: f64,
-        turned: impl Fn(usize, f64) -> (f64, f64),
-    ) -> f64 {
+    pub(super) fn reading_m(&self, displacement_m: f64, time_s: f64, turned: impl Fn(usize, f64) -> (f64, f64)) -> f64 {
         let lost = |gap: &Gap| (displacement_m - gap.at_m).clamp(-0.5 * gap.width_m, 0.5 * gap.width_m);
         let displacement_m = displacement_m - self.gaps.iter().map(lost).sum::<f64>();
         let bent =

@@ -118,30 +118,22 @@ impl Waveform {
     /// The output between `from_s` and `from_s + duration_s` of the present sample: volts, slope and second derivative at its start.
     pub(super) fn parabola(&mut self, from_s: f64, duration_s: f64) -> [f64; 3] {
         self.course.iter_mut().for_each(Vec::clear);
+        let mut arrival_s = self.take_arrived(from_s, 0.0, duration_s);
         // A held command behind a drive without memory is a constant until the next one arrives.
-        if self.is_flat && self.acting.slope_v_per_s == 0.0 && self.arrival_s(from_s) >= duration_s {
+        if self.is_flat && self.acting.slope_v_per_s == 0.0 && arrival_s >= duration_s {
             self.age_s += duration_s;
-            let held_v = self.now_v();
+            let held_v = self.output.at_v(self.acting.start_v);
+            self.lag = LagState::at(held_v);
             self.course.iter_mut().for_each(|course| course.push(Stretch::held(held_v, duration_s)));
             return [held_v, 0.0, 0.0];
         }
         let mut sum = Moments::default();
         let mut done_s = 0.0;
-        loop {
-            let arrival_s = self.arrival_s(from_s);
-            // A command that comes within rounding of a sub-step's start comes at its start.
-            if arrival_s <= done_s + 1e-9 * duration_s {
-                if let Some((_, held)) = self.underway.pop_front() {
-                    (self.acting, self.age_s) = (held, (done_s - arrival_s).max(0.0));
-                }
-                continue;
-            }
+        while done_s < duration_s {
             let until_s = arrival_s.min(duration_s);
             self.hold(done_s, until_s - done_s, &mut sum);
             done_s = until_s;
-            if done_s >= duration_s {
-                break;
-            }
+            arrival_s = self.take_arrived(from_s, done_s, duration_s);
         }
         let [start_v, slope, curve] = sum.parabola(duration_s);
         // Rounding leaves slopes of 1e-13 of a held value, which would only cost the engine its fast path.
@@ -176,12 +168,23 @@ impl Waveform {
         Some([first_v, last_v])
     }
 
-    /// When the next command arrives, from `from_s` of the present sample on.
-    fn arrival_s(&self, from_s: f64) -> f64 {
-        self.underway.front().map_or(f64::INFINITY, |(given, _)| self.arrival_of_s(*given, from_s))
+    /// Takes the commands that have arrived when `done_s` of a sub-step of `duration_s` is over, which begins at `from_s` of the present sample; returns
+    /// when the next one does. One that comes within rounding of then comes then, but not at the sub-step's end: that is the next one's start.
+    fn take_arrived(&mut self, from_s: f64, done_s: f64, duration_s: f64) -> f64 {
+        while done_s < duration_s
+            && let Some((given, held)) = self.underway.front().copied()
+        {
+            let arrival_s = self.arrival_of_s(given, from_s);
+            if arrival_s > done_s + 1e-9 * duration_s {
+                return arrival_s;
+            }
+            self.underway.pop_front();
+            (self.acting, self.age_s) = (held, (done_s - arrival_s).max(0.0));
+        }
+        f64::INFINITY
     }
 
-    /// The same of the command that sample `given` gave.
+    /// When the command arrives that sample `given` gave, from `from_s` of the present sample on.
     fn arrival_of_s(&self, given: u64, from_s: f64) -> f64 {
         self.delay_s - (self.sample - given) as f64 * self.sample_s - from_s
     }

@@ -5,9 +5,10 @@
 //! S(2t) = S(t) + exp(A_z t)' S(t) exp(A_z t). So the balance tests the maps instead of repeating them.
 
 use super::dynamics::Dynamics;
-use super::engine::{Engine, Series, Signs, Spans};
+use super::engine::{Engine, Series, Signs};
 use super::maps::{DEGREE, FINEST};
 use super::pack;
+use super::push::Spans;
 use crate::phs::{Phs, PhsState};
 use nalgebra::{DMatrix, DVector};
 use std::collections::HashMap;

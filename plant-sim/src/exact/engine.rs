@@ -1,9 +1,13 @@
 //! The stepping itself: accept a whole move, halve it, or find the crossing.
 
+mod joint;
+
 use super::Stepper;
 use super::dynamics::{DISPLACEMENT, DeadZone, Dynamics, VELOCITY};
 use super::energy::{Audit, NoAudit};
 use super::maps::{Columns, DEGREE, FINEST, Linear, apply, ladder};
+use super::push::{Push, Spans};
+use joint::Joint;
 use std::collections::HashMap;
 
 /// A move is halved unless the velocity's cubic stays this far from zero, relative to the velocities and accelerations at its ends.
@@ -25,83 +29,6 @@ const INSTANT: f64 = 1e-6;
 /// Halvings at the most: 2^50 finest steps are beyond what f64 time can resolve.
 const MOST_HALVINGS: u32 = 50;
 
-/// The durations that the engine is asked for, in seconds: one sample, the two parts of a sample with a fractional delay, or a short step
-/// and a long one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spans {
-    durations_s: [f64; 2],
-}
-
-impl Spans {
-    /// One duration for every step.
-    pub fn whole(sample_s: f64) -> Self {
-        Self { durations_s: [sample_s, 0.0] }
-    }
-
-    /// Steps of two lengths.
-    pub fn two(durations_s: [f64; 2]) -> Self {
-        Self { durations_s }
-    }
-
-    /// A sample in two parts: span 0 lasts `first_s`, span 1 the rest.
-    pub fn split(sample_s: f64, first_s: f64) -> Self {
-        Self::two([first_s, sample_s - first_s])
-    }
-
-    /// How long span 0 or 1 lasts, in seconds; zero for one that is not in use.
-    pub fn duration_s(&self, span: usize) -> f64 {
-        self.durations_s[span]
-    }
-}
-
-/// The force over a move: `force_n + slope t + curve t^2 / 2`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Push {
-    /// Newton at the start.
-    pub force_n: f64,
-    /// Slope at the start in N/s.
-    pub slope: f64,
-    /// Second derivative in N/s^2.
-    pub curve: f64,
-}
-
-impl Push {
-    /// A constant force.
-    pub fn held(force_n: f64) -> Self {
-        Self { force_n, slope: 0.0, curve: 0.0 }
-    }
-
-    /// A force that changes steadily.
-    pub fn ramp(force_n: f64, slope: f64) -> Self {
-        Self { force_n, slope, curve: 0.0 }
-    }
-
-    /// This force so many times.
-    pub fn times(self, factor: f64) -> Self {
-        Self { force_n: factor * self.force_n, slope: factor * self.slope, curve: factor * self.curve }
-    }
-
-    /// This force and another.
-    pub fn with(self, other: Self) -> Self {
-        Self { force_n: self.force_n + other.force_n, slope: self.slope + other.slope, curve: self.curve + other.curve }
-    }
-
-    /// This force less another.
-    pub fn without(self, other: Self) -> Self {
-        Self { force_n: self.force_n - other.force_n, slope: self.slope - other.slope, curve: self.curve - other.curve }
-    }
-
-    /// The same force, seen `time_s` later.
-    #[inline(always)]
-    pub fn after(self, time_s: f64) -> Self {
-        Self {
-            force_n: self.force_n + time_s * (self.slope + 0.5 * time_s * self.curve),
-            slope: self.slope + time_s * self.curve,
-            curve: self.curve,
-        }
-    }
-}
-
 /// A, for one set of open dead zones, with its ladders of maps (one ladder per span).
 struct OpenSet<const N: usize> {
     a: Columns<N>,
@@ -120,6 +47,8 @@ struct Region<const N: usize> {
     open_set: usize,
     /// c, constants in x' = A x + b f + c.
     constant: [f64; N],
+    /// Both maps as one, where both spans are in use and no map is shorter than its span.
+    joint: Option<Joint<N>>,
     /// Response to `constant` over each map of the open set's ladders.
     offsets: [Vec<[f64; N]>; 2],
 }
@@ -259,7 +188,9 @@ impl<const N: usize> Engine<N> {
                 _ => high[zone.state] = -within,
             }
         }
-        self.regions.push(Region { whole, low, high, signs, open_set, constant, offsets });
+        let has_joint = self.durations_s.iter().all(|s| *s > 0.0) && self.coarsest == [0; 2];
+        let joint = has_joint.then(|| Joint::new([&whole[0], &whole[1]], &self.acceleration_row));
+        self.regions.push(Region { whole, joint, low, high, signs, open_set, constant, offsets });
         self.region_of.insert(signs, self.regions.len() - 1);
         self.regions.len() - 1
     }
@@ -346,19 +277,8 @@ impl<const N: usize> Engine<N> {
         if !inside(region, y) {
             return false;
         }
-        let (w0, w1) = (self.x[VELOCITY], y[VELOCITY]);
-        // Bezier points of the cubic through both ends; the cubic lies in their hull.
-        let third_s = duration_s * (1.0 / 3.0);
-        let (p1, p2) = (w0 + a0 * third_s, w1 - a1 * third_s);
-        let misfit = (w1 - w0 - 0.5 * duration_s * (a0 + a1)).abs();
-        let size = w0.abs() + w1.abs() + duration_s * (a0.abs() + a1.abs());
-        let margin = TURNING_MARGIN * size + MISFIT * misfit;
-        // Both ends and both Bezier points on one side of zero; the sign of the start is free where it is zero.
-        let sign = if w0 + w1 < 0.0 { -1.0 } else { 1.0 };
-        if sign * w0 >= 0.0 && sign * w1 >= 0.0 && sign * p1 > margin && sign * p2 > margin {
-            return true;
-        }
-        self.out_of_reach(region.signs, duration_s, 2.0 * duration_s * size)
+        let (keeps_sign, size) = keeps_sign([self.x[VELOCITY], y[VELOCITY]], duration_s, [a0, a1]);
+        keeps_sign || self.out_of_reach(region.signs, duration_s, 2.0 * duration_s * size)
     }
 
     /// Whether no edge lies within `reach_m` of displacement from the present state.
@@ -615,6 +535,21 @@ struct Crossing {
     level: f64,
 }
 
+/// Whether a velocity that is `w0` and `w1` at both ends of a move of `duration_s`, with accelerations `a0` and `a1`, can't have changed its sign
+/// between them; and the most that it is about.
+#[inline(always)]
+fn keeps_sign([w0, w1]: [f64; 2], duration_s: f64, [a0, a1]: [f64; 2]) -> (bool, f64) {
+    // Bezier points of the cubic through both ends; the cubic lies in their hull.
+    let third_s = duration_s * (1.0 / 3.0);
+    let (p1, p2) = (w0 + a0 * third_s, w1 - a1 * third_s);
+    let misfit = (w1 - w0 - 0.5 * duration_s * (a0 + a1)).abs();
+    let size = w0.abs() + w1.abs() + duration_s * (a0.abs() + a1.abs());
+    let margin = TURNING_MARGIN * size + MISFIT * misfit;
+    // Both ends and both Bezier points on one side of zero; the sign of the start is free where it is zero.
+    let sign = if w0 + w1 < 0.0 { -1.0 } else { 1.0 };
+    (sign * w0 >= 0.0 && sign * w1 >= 0.0 && sign * p1 > margin && sign * p2 > margin, size)
+}
+
 /// Whether every state is within the region's bounds.
 #[inline(always)]
 fn inside<const N: usize>(region: &Region<N>, x: &[f64; N]) -> bool {
@@ -738,6 +673,13 @@ impl<const N: usize> Stepper for Engine<N> {
             self.advance_audited::<0, NoAudit>(span, Push::held(force_n), &mut NoAudit);
         } else {
             self.push(span, Push::ramp(force_n, slope_n_per_s));
+        }
+    }
+
+    fn advance_both(&mut self, forces_n: [f64; 2]) {
+        if !self.moves_over_both(forces_n) {
+            self.advance(0, forces_n[0], 0.0);
+            self.advance(1, forces_n[1], 0.0);
         }
     }
 

@@ -18,9 +18,11 @@ mod dynamics;
 pub mod energy;
 mod engine;
 mod maps;
+mod push;
 
 pub use dynamics::{DeadZone, Dynamics, MAX_STATES};
-pub use engine::{Engine, Push, Spans};
+pub use engine::Engine;
+pub use push::{Push, Spans};
 
 use crate::phs::{Phs, PhsState};
 
@@ -42,6 +44,8 @@ pub fn stepper(dynamics: &Dynamics, spans: Spans) -> Box<dyn Stepper> {
 pub trait Stepper: Send {
     /// Moves the state over span `span` (an index into [`Spans`]) with the force held at `force_n` plus `slope_n_per_s` times time.
     fn advance(&mut self, span: usize, force_n: f64, slope_n_per_s: f64);
+    /// Moves the state over span 0 with the first force held, then over span 1 with the second.
+    fn advance_both(&mut self, forces_n: [f64; 2]);
     /// Moves the state over span `span` with the force `push`.
     fn push(&mut self, span: usize, push: Push);
     /// Holds the force of each sample over the whole of span 0 and writes the displacement at the sample's start.
