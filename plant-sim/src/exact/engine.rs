@@ -372,10 +372,12 @@ impl<const N: usize> Engine<N> {
                     ticks -= 1 << (halvings - level);
                     level = level.saturating_sub(1).max(coarsest);
                 } else if level < halvings {
+                    let mut shorter = 1;
                     if !inside(region, &y) {
                         outside_at = Some(ticks - (1 << (halvings - level)));
+                        shorter = halvings_to(region, &self.x, &y);
                     }
-                    level += 1;
+                    level = (level + shorter).min(halvings);
                 } else {
                     let (moved_s, crossed) = self.finest_step(tick_s, now, crossings_at_once < most_crossings, audit);
                     crossings_at_once = if moved_s > INSTANT * tick_s { 0 } else { crossings_at_once + 1 };
@@ -558,6 +560,21 @@ fn inside<const N: usize>(region: &Region<N>, x: &[f64; N]) -> bool {
         all &= (x[i] >= region.low[i]) & (x[i] <= region.high[i]);
     }
     all
+}
+
+/// Halvings, one at least, of a move from `x` to `y` outside the region after which it ends inside, if all states went there in straight lines.
+#[inline(always)]
+fn halvings_to<const N: usize>(region: &Region<N>, x: &[f64; N], y: &[f64; N]) -> u32 {
+    let mut share = 1.0;
+    for i in 0..N {
+        let bound = y[i].clamp(region.low[i], region.high[i]);
+        if bound != y[i] {
+            share = f64::min(share, (bound - x[i]) / (y[i] - x[i]));
+        }
+    }
+    // The exponent of a share below one: no logarithm is needed.
+    let exponent = (share.max(f64::MIN_POSITIVE).to_bits() >> 52) as u32;
+    (1023 - exponent.min(1022)).min(MOST_HALVINGS)
 }
 
 /// Distance of value `v` from leaving the state that `sign` names; negative once it has left.
