@@ -36,12 +36,9 @@ const CARRIED: usize = 3;
 const AS_PROMISED: f64 = 1.2;
 /// Steps of the last stage after which it must be getting somewhere.
 const FIRST_STEPS: usize = 3;
-/// Damping to begin with, and that at which a step is given up, relative to the information's diagonal; what a step that helped makes of it, and the
-/// least: along a flat valley a damped step goes part of the way only.
+/// Damping to begin with, and that at which a step is given up, relative to the information's diagonal.
 const DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e3;
-const LESS_DAMPED: f64 = 0.1;
-const LEAST_DAMPING: f64 = 1e-8;
 
 /// Where a descent ended.
 #[derive(Clone)]
@@ -110,7 +107,6 @@ pub fn descend(
         let is_free = last || hypothesis.freedom == Freedom::Any;
         let rules = if is_free { rules.clone() } else { held(bench, hypothesis, &rules, &start) };
         let problem = Problem { bench, hypothesis, rules: &rules, sensitivities, simulations };
-        let mut damping = DAMPING;
         for number in 0..steps {
             if last && number >= FIRST_STEPS && normal.cost(&noise) > to_beat {
                 is_given_up = true;
@@ -118,16 +114,14 @@ pub fn descend(
             }
             let weights = weights(&normal, &noise, softness);
             let before = normal.cost(&weights) + prior_cost(&rules, &z, z.len());
-            let Some(step) = problem.step(&z, &normal, &weights, before, (damping, carried == 0)) else {
+            let Some(step) = problem.step(&z, &normal, &weights, before, carried == 0) else {
                 if carried == 0 {
                     break;
                 }
-                damping = DAMPING;
                 (normal, carried) = taken(&z, sensitivities);
                 continue;
             };
             z = step.z;
-            damping = (LESS_DAMPED * step.damping).max(LEAST_DAMPING);
             let gained = before - step.cost;
             let little = match last {
                 true if is_beyond(&step.there, FAR) => before * ROUGH,
@@ -201,8 +195,6 @@ struct Problem<'a> {
 struct Step {
     /// Coordinates after it.
     z: Vec<f64>,
-    /// How it was damped.
-    damping: f64,
     /// The cost there, and what it was to be.
     cost: f64,
     promised: f64,
@@ -213,19 +205,12 @@ struct Step {
 }
 
 impl Problem<'_> {
-    /// A step from `z` that lowers the cost from `before`, with this `damping` or more; `None` if none finds one, or, unless sensitivities are `fresh`,
-    /// not the first.
-    fn step(
-        &self,
-        z: &[f64],
-        normal: &Normal,
-        weights: &[f64],
-        before: f64,
-        (mut damping, fresh): (f64, bool),
-    ) -> Option<Step> {
+    /// A step from `z` that lowers the cost from `before`; `None` if no damping finds one, or, unless sensitivities are `fresh`, not the first.
+    fn step(&self, z: &[f64], normal: &Normal, weights: &[f64], before: f64, fresh: bool) -> Option<Step> {
         let (mut information, mut gradient) = normal.assemble(weights);
         add_priors(self.rules, z, &mut information, &mut gradient);
         let carried = Sensitivities::Carried { thinned: self.sensitivities == Sensitivities::Thinned };
+        let mut damping = DAMPING;
         while damping <= MOST_DAMPING {
             let change = bounded_step(&information, &gradient, self.rules, z, damping)?;
             let to: Vec<f64> = z.iter().zip(change.iter()).map(|(z, c)| z + c).collect();
@@ -235,7 +220,7 @@ impl Problem<'_> {
                 let promised = before - 2.0 * gradient.dot(&change) + change.dot(&(&information * &change));
                 let units = information.diagonal().map(|known| known.max(f64::MIN_POSITIVE).sqrt().recip());
                 let carried = normal.carried(&there, &change, &units);
-                return Some(Step { z: to, damping, cost, promised, there, carried });
+                return Some(Step { z: to, cost, promised, there, carried });
             }
             if !fresh {
                 return None;
