@@ -203,7 +203,7 @@ pub(super) struct Chunk {
     pub rows: usize,
     /// Prediction at the rows of the sensitivities; see [`predict`].
     pub base: Vec<f64>,
-    /// What the sensor made it of, and when; see [`plant_sim::replay::Stream::before_reading`].
+    /// What the sensor made it of, and the number of that sample; see [`plant_sim::replay::Stream::before_reading`].
     pub seen: Vec<(f64, u64)>,
     /// Derivatives of that by each coordinate.
     pub columns: Vec<Vec<f64>>,

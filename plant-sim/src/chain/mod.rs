@@ -159,8 +159,6 @@ struct Queue {
     before_samples: f64,
     /// Time from a sample's start until the command that arrives within it does; zero if commands arrive at sample starts.
     fraction_s: f64,
-    /// Commands arrive when they are given.
-    is_at_once: bool,
 }
 
 /// Warmth and what it makes of the gain.
@@ -420,6 +418,9 @@ impl Simulator {
         let transducer = &mut self.transducer;
         let shaking = &self.shaking;
         self.acting_v = match &mut self.pace {
+            Pace::Exact(queue) if transducer.is_none() && shaking.is_empty() => {
+                queue.hold(stepper, self.sample_s, command, [alpha, force_n])
+            }
             Pace::Exact(queue) => queue.advance(
                 stepper,
                 transducer,
@@ -517,16 +518,12 @@ impl Queue {
             before: Held::zero_order(0.0),
             before_samples: whole + if fraction > 0.0 { 1.0 } else { 0.0 },
             fraction_s: fraction * sample_s,
-            is_at_once: whole < 1.0 && fraction == 0.0,
         }
     }
 
     /// Steps through one sample under force `alpha` times drive minus `force_n`, where nothing else pulls; returns the volts at its end.
-    #[inline]
+    #[inline(always)]
     fn hold(&mut self, stepper: &mut dyn Stepper, sample_s: f64, command: Held, pull: [f64; 2]) -> f64 {
-        if self.is_at_once {
-            return self.output.hold(stepper, 0, command, [0.0, sample_s], pull);
-        }
         let [acting, arriving] = self.take(command);
         let first_s = self.fraction_s;
         if first_s == 0.0 {
@@ -557,22 +554,19 @@ impl Queue {
         let [acting, arriving] = self.take(command);
         let output = &self.output;
         let mut push = |span: usize, held: Held, age_s: f64, [from_s, duration_s]: [f64; 2]| {
-            if transducer.is_some() || !shaking.is_empty() {
-                let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
-                let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
-                let slope = (end_v - start_v) / duration_s;
-                let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
-                if let Some(transducer) = transducer {
-                    let course = [Stretch::line(start_v, slope, end_v, duration_s)];
-                    push = push.without(transducer.missing(&course, duration_s).times(gain));
-                }
-                if !shaking.is_empty() {
-                    push = push.with(shaking.push(span, sample_start_s + from_s));
-                }
-                stepper.push(span, push);
-                return end_v;
+            let start_v = output.at_v(held.start_v + held.slope_v_per_s * age_s);
+            let end_v = output.at_v(held.start_v + held.slope_v_per_s * (age_s + duration_s));
+            let slope = (end_v - start_v) / duration_s;
+            let mut push = Push::ramp(alpha * start_v - force_n, alpha * slope);
+            if let Some(transducer) = transducer {
+                let course = [Stretch::line(start_v, slope, end_v, duration_s)];
+                push = push.without(transducer.missing(&course, duration_s).times(gain));
             }
-            output.hold(stepper, span, held, [age_s, duration_s], [alpha, force_n])
+            if !shaking.is_empty() {
+                push = push.with(shaking.push(span, sample_start_s + from_s));
+            }
+            stepper.push(span, push);
+            end_v
         };
         if self.fraction_s > 0.0 {
             push(0, acting, sample_s - self.fraction_s, [0.0, self.fraction_s]);
@@ -585,6 +579,10 @@ impl Queue {
     /// Takes the command of the sample that begins; returns what acts at its start and what comes within it.
     #[inline]
     fn take(&mut self, command: Held) -> [Held; 2] {
+        // Nothing is on its way where commands act when they are given.
+        if self.pending.is_empty() && self.before_samples < 1.0 {
+            return [command; 2];
+        }
         self.pending.push_back(command);
         let acting = if self.before_samples >= 1.0 {
             self.before_samples -= 1.0;

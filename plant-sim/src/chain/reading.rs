@@ -9,7 +9,7 @@ const SERVED: u64 = 64;
 
 /// The predictable part of a sensor that is read once a sample: [`Sensor::predictable_m`], and the same number but for rounding.
 pub struct Reading {
-    sensor: Sensor,
+    pub(super) sensor: Sensor,
     /// A gain and an offset, which need none of the rest at every sample.
     is_affine: bool,
     sample_s: f64,

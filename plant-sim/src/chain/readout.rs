@@ -15,7 +15,6 @@ const ROUNDING_M: f64 = 1e-17;
 
 /// The sensor's state.
 pub(super) struct Readout {
-    sensor: Sensor,
     reading: Reading,
     sample_s: f64,
     sample: u64,
@@ -64,8 +63,7 @@ impl Readout {
         Self {
             lags_behind_plain_play: lag.is_some() && sensor.play_m > 0.0 && is_plain && is_alone,
             is_seen: lag.is_none() && sensor.play_m <= 0.0 && is_plain && is_alone,
-            sensor: Sensor { lag, ..sensor.clone() },
-            reading: Reading::new(sensor, sample_s),
+            reading: Reading::new(&Sensor { lag, ..sensor.clone() }, sample_s),
             goes_straight: parts.is_massless,
             sample_s,
             sample: 0,
@@ -132,7 +130,7 @@ impl Readout {
         let (from, sample_s) = (self.structure, self.sample_s);
         self.structure = [displacement_m, velocity_m_per_s];
         let path = || hermite(from, [displacement_m, velocity_m_per_s], sample_s);
-        let turns = self.sensor.play_m > 0.0 && from[1] * velocity_m_per_s < 0.0;
+        let turns = self.sensor().play_m > 0.0 && from[1] * velocity_m_per_s < 0.0;
         let turn_s = turns.then(|| turn_s(path(), velocity_m_per_s, sample_s));
         if self.lags_behind_plain_play {
             self.lag_behind_play(path(), turn_s);
@@ -150,7 +148,7 @@ impl Readout {
                 was_m.max(turn_m - half_m).min(turn_m + half_m)
             });
             // A joint with drag creeps towards the middle of its play; mean displacement over the sample is close enough for that.
-            let crept_m = self.dragged_m(from_m, displacement_m + self.sensor.drag_to * half_m);
+            let crept_m = self.dragged_m(from_m, displacement_m + self.sensor().drag_to * half_m);
             // Where a search has led the plant to where it is no number any more, the reading is none either.
             let now_m = if displacement_m.is_nan() {
                 displacement_m
@@ -162,9 +160,9 @@ impl Readout {
             self.contacts_m[contact] = now_m;
         }
         let (now_m, now_m_per_s) = (self.mean_m(), rate_m_per_s / self.contacts as f64);
-        if self.sensor.lag.is_some() {
+        if self.sensor().lag.is_some() {
             let cubic = hermite([self.behind_m, self.behind_m_per_s], [now_m, now_m_per_s], self.sample_s);
-            self.lag.pass_grown(self.sensor.lag, self.sensor.lag_growth, cubic, self.sample_s);
+            self.lag.pass_grown(self.sensor().lag, self.sensor().lag_growth, cubic, self.sample_s);
         }
         (self.behind_m, self.behind_m_per_s) = (now_m, now_m_per_s);
     }
@@ -180,7 +178,7 @@ impl Readout {
             let now_m = if there_m.is_nan() { there_m } else { stands_m.clamp(there_m - half_m, there_m + half_m) };
             let edge_m = now_m - there_m;
             let reached_s = if now_m == stands_m { to_s } else { reached_s(path, stands_m - edge_m, [from_s, to_s]) };
-            let Self { lag, sensor, .. } = self;
+            let Self { lag, reading: Reading { sensor, .. }, .. } = self;
             let mut pass = |path, duration_s| {
                 if duration_s > 0.0 {
                     lag.pass_grown(sensor.lag, sensor.lag_growth, path, duration_s);
@@ -193,6 +191,11 @@ impl Readout {
             from_s = to_s;
         }
         self.behind_m = self.contacts_m[0];
+    }
+
+    /// The sensor, of whose lag the engine may have taken care.
+    fn sensor(&self) -> &Sensor {
+        &self.reading.sensor
     }
 
     /// Lets creep and arms follow the structure on its `path` over the sample; returns the displacement with all of them.
@@ -228,7 +231,7 @@ impl Readout {
     }
 
     fn dragged_m(&self, from_m: f64, displacement_m: f64) -> f64 {
-        if self.sensor.drag_s == f64::INFINITY {
+        if self.sensor().drag_s == f64::INFINITY {
             return from_m;
         }
         from_m + self.drags * (displacement_m - from_m)
@@ -236,8 +239,8 @@ impl Readout {
 
     /// Half the width of the play of one contact.
     fn half_m(&self, contact: usize) -> f64 {
-        let narrower = self.sensor.play_spread * contact as f64 / (CONTACTS - 1) as f64;
-        0.5 * self.sensor.play_m * (1.0 - narrower)
+        let narrower = self.sensor().play_spread * contact as f64 / (CONTACTS - 1) as f64;
+        0.5 * self.sensor().play_m * (1.0 - narrower)
     }
 
     fn mean_m(&self) -> f64 {
@@ -253,8 +256,8 @@ impl Readout {
     /// What that reading is made of.
     #[inline]
     pub(super) fn before_reading_m(&self) -> f64 {
-        let seen_m = if self.sensor.lag.is_some() { self.lag.value() } else { self.behind_m };
-        seen_m + self.sensor.late_s * self.structure[1]
+        let seen_m = if self.sensor().lag.is_some() { self.lag.value() } else { self.behind_m };
+        seen_m + self.sensor().late_s * self.structure[1]
     }
 
     /// Number of this sample, from the start on.

@@ -6,7 +6,7 @@
 
 use super::dynamics::Dynamics;
 use super::engine::{Engine, Series, Signs};
-use super::maps::{DEGREE, FINEST};
+use super::maps::{DEGREE, FINEST, halved};
 use super::pack;
 use super::push::Spans;
 use crate::phs::{Phs, PhsState};
@@ -186,8 +186,8 @@ fn gauss_nodes() -> [(f64, f64); 5] {
 /// exp(A_z t) - I is what is doubled: near the finest step the identity would swallow digits of A_z t.
 fn integrated_form(a_z: &DMatrix<f64>, w: &DMatrix<f64>, duration_s: f64, rate_per_s: f64) -> DMatrix<f64> {
     let size = a_z.nrows();
-    let halvings = (duration_s * rate_per_s / FINEST).log2().ceil().max(0.0) as i32;
-    let step_s = duration_s * 0.5f64.powi(halvings);
+    let halvings = (duration_s * rate_per_s / FINEST).log2().ceil().max(0.0) as u32;
+    let step_s = duration_s * halved(halvings);
     let grown = |t: f64| {
         let mut sum = DMatrix::identity(size, size);
         for degree in (2..=DEGREE + 2).rev() {

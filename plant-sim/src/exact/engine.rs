@@ -5,7 +5,7 @@ mod joint;
 use super::Stepper;
 use super::dynamics::{DISPLACEMENT, DeadZone, Dynamics, VELOCITY};
 use super::energy::{Audit, NoAudit};
-use super::maps::{Columns, DEGREE, FINEST, Linear, apply, ladder};
+use super::maps::{Columns, DEGREE, FINEST, Linear, apply, halved, ladder};
 use super::push::{Push, Spans};
 use joint::Joint;
 use std::collections::HashMap;
@@ -583,12 +583,6 @@ fn excess(zone: &DeadZone, sign: f64, v: f64) -> f64 {
     if sign == 0.0 { zone.edge - v.abs() } else { sign * v - zone.edge }
 }
 
-/// One, halved so often; exact, as the exponent is all that changes.
-#[inline(always)]
-fn halved(times: u32) -> f64 {
-    f64::from_bits((1023 - u64::from(times.min(1022))) << 52)
-}
-
 /// Smallest h with `product / 2^h <= 1`.
 fn halvings(product: f64) -> u32 {
     if product > 1.0 { (product.log2().ceil() as u32).min(MOST_HALVINGS) } else { 0 }
@@ -689,7 +683,7 @@ impl<const N: usize> Stepper for Engine<N> {
         if slope_n_per_s == 0.0 {
             self.advance_audited::<0, NoAudit>(span, Push::held(force_n), &mut NoAudit);
         } else {
-            self.push(span, Push::ramp(force_n, slope_n_per_s));
+            self.advance_audited::<1, NoAudit>(span, Push::ramp(force_n, slope_n_per_s), &mut NoAudit);
         }
     }
 

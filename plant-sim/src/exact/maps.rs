@@ -9,6 +9,12 @@ pub(crate) const DEGREE: usize = 8;
 /// Largest product of fastest rate and finest step.
 pub(crate) const FINEST: f64 = 1.0 / 16.0;
 
+/// One, halved so often; exact, as the exponent is all that changes.
+#[inline(always)]
+pub(crate) fn halved(times: u32) -> f64 {
+    f64::from_bits((1023 - u64::from(times.min(1022))) << 52)
+}
+
 /// y = a x.
 #[inline(always)]
 pub(crate) fn apply<const N: usize>(a: &Columns<N>, x: &[f64; N]) -> [f64; N] {
@@ -63,7 +69,7 @@ pub(crate) fn ladder<const N: usize>(
     coarsest: u32,
     finest: u32,
 ) -> Vec<Linear<N>> {
-    let mut t = duration_s * 0.5f64.powi(finest as i32);
+    let mut t = duration_s * halved(finest);
     // Phi = t (I + A t / 2! + (A t)^2 / 3! + ..), by Horner; D = A Phi; Psi = t^2 (I/2! + A t / 3! + ..) b; Chi = t^3 (I/3! + ..) b.
     let mut phi = [[0.0; N]; N];
     let (mut psi, mut chi) = ([0.0; N], [0.0; N]);
