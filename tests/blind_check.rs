@@ -323,6 +323,11 @@ fn every_opening_of_the_report_split_is_written_down_once() {
     assert_eq!(lines.len(), 2, "{book}");
     assert!(lines[0].starts_with("commit,version,seed,split,") && lines[1].starts_with("v0-12-gabc,"), "{book}");
     assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
+    // Another draw with the same version would be a second try.
+    let again = check(&folder, &call.replace("--seed 1", "--seed 2").replace("@/out", "@/again"));
+    assert_eq!(again.status.code(), Some(2));
+    assert!(stderr(&again).contains("was opened with seed 1"), "{}", stderr(&again));
+    assert!(!folder.path("again").exists());
     // The other splits are for looking at.
     succeeded(&check(&folder, &call.replace("report", "develop").replace("@/out", "@/other")));
     assert_eq!(folder.read("openings.csv"), book);
@@ -365,4 +370,7 @@ fn measured_logs_are_scored_when_their_labels_come() {
     succeeded(&check(&folder, call));
     let score = score(&folder, "out");
     assert_eq!((&score["cases"]["singles"], &score["cases"]["nulls"]), (&1.into(), &1.into()));
+    let verified = check(&folder, "--verify @/out");
+    assert_eq!(verified.status.code(), Some(3));
+    assert!(stderr(&verified).contains("what was measured has no seed"), "{}", stderr(&verified));
 }

@@ -62,6 +62,9 @@ fn check_contract(found: &Value) {
         "refit_rms_um",
         "augmented_rms_um",
         "noise_rms_um",
+        "nominal_fit_percent",
+        "refit_fit_percent",
+        "augmented_fit_percent",
         "shrink_percent",
         "closure_percent",
         "predicted_shrink_percent",
@@ -105,12 +108,13 @@ fn check_contract(found: &Value) {
     }
 }
 
-/// Rms in micrometres that `plant` leaves on the held-out log.
-fn replayed(folder: &Folder, case: &Case, plant: &str) -> f64 {
+/// Rms in micrometres that `plant` leaves on the held-out log, and what it lacks of a fit of 100 %.
+fn replayed(folder: &Folder, case: &Case, plant: &str) -> [f64; 2] {
     let log = &case.held_out[0].name;
     let output = run(folder, &format!("replay --plant @/{plant} @/{log}.csv --out @/pred.csv --no-page --json"));
     succeeded(&output);
-    number(&json(&output), "rms_um")
+    let said = json(&output);
+    [number(&said, "rms_um"), 100.0 - number(&said, "fit_percent")]
 }
 
 /// An effect that is on the bench is named first, alone, and the plant with it replays the held-out log as the diagnosis says.
@@ -128,10 +132,12 @@ fn is_named(effect: EffectId, logs: &[&str]) {
     assert_eq!(found["gap"]["headline"], "held-out log");
     assert!(found["gap"]["closure_percent"].as_f64().expect("a closure") > 90.0, "{}", found["gap"]);
     let (before, after) = (replayed(&folder, &case, "nominal.toml"), replayed(&folder, &case, "out/augmented.toml"));
-    assert!(after < 0.5 * before, "{before} um with the nominal plant, {after} with the effect");
+    assert!(after[0] < 0.5 * before[0], "{before:?} um with the nominal plant, {after:?} with the effect");
     // The replay fits its start to the whole log and scores all of it; else it is the same plant on the same log.
-    let said = found["gap"]["augmented_rms_um"].as_f64().expect("an rms");
-    assert!((after / said - 1.0).abs() < 0.1, "replayed {after} um, said {said}");
+    let gap = found["gap"].as_object().expect("a gap");
+    let said = [number(gap, "augmented_rms_um"), 100.0 - number(gap, "augmented_fit_percent")];
+    let is_same = after.iter().zip(said).all(|(after, said)| (after / said - 1.0).abs() < 0.1);
+    assert!(is_same, "replayed {after:?} um, said {said:?}");
     let page = folder.read("out/report.html");
     assert!(page.contains(effect.id()) && page.contains("Rivals rejected") && page.contains("Where the gap lies"));
     let names = std::fs::read_dir(folder.path("out")).expect("the directory").count();

@@ -139,6 +139,7 @@ fn main() -> std::io::Result<()> {
             coherence: frequency_hz.iter().map(|f| 1.0 - 1e-4 * f).collect(),
             frequency_hz,
         }],
+        screened: vec![(name("end_stop"), 4.1), (name("quantisation"), 0.2)],
         rivals: vec![
             rival(
                 "sensor_drift",

@@ -117,6 +117,7 @@ fn view(text: &str, logs: Vec<DiagnosedLog>) -> DiagnosisView {
             probability: 0.03,
             reason: owned(),
         }],
+        screened: vec![(owned(), 1.5)],
         unexplained: Some(UnexplainedView {
             rms_um: 0.01,
             structured_share_percent: 12.0,

@@ -7,7 +7,7 @@
 
 use ode_solvers::dop_shared::{OutputType, System};
 use ode_solvers::{Dop853, SVector};
-use plant_sim::chain::{Chain, Drive, Held, Parts, Sensor, Simulator};
+use plant_sim::chain::{Chain, Drive, Held, Lag, Parts, Sensor, Simulator};
 use plant_sim::exact::{Dynamics, Spans, pack, stepper};
 use plant_sim::model::Model;
 use plant_sim::phs::{Hysteron, Phs, PhsState};
@@ -551,10 +551,15 @@ fn a_split_sample_is_the_same_as_a_whole_one() {
 fn both_parts_of_a_sample_at_once_are_one_after_the_other() {
     let plant = thesis();
     let mut random = Pcg64::seed_from_u64(11);
-    for (sample_s, share) in [(1e-4, 0.1), (1e-4, 0.5), (5e-5, 0.9), (2e-5, 0.37)] {
-        let dynamics = Dynamics::of_plant(&plant);
-        let [mut at_once, mut in_turn] = [(); 2].map(|()| stepper(&dynamics, Spans::split(sample_s, share * sample_s)));
-        let mut full_scale = [1e-30f64; 4];
+    let plain = Dynamics::of_plant(&plant);
+    let lag = Lag::First { time_constant_s: 3e-4 };
+    // Five states, then, which the engine pads.
+    let watched = plain.clone().with_lag(lag, &[0]);
+    for (sample_s, share, dynamics) in
+        [(1e-4, 0.1, &plain), (1e-4, 0.5, &watched), (5e-5, 0.9, &plain), (2e-5, 0.37, &watched)]
+    {
+        let [mut at_once, mut in_turn] = [(); 2].map(|()| stepper(dynamics, Spans::split(sample_s, share * sample_s)));
+        let mut full_scale = vec![1e-30f64; dynamics.states()];
         let (mut old_n, mut size_v) = (0.0, 60.0);
         for k in 0..60_000 {
             if k % 500 == 0 {

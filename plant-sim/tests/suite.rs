@@ -17,6 +17,7 @@ mod model;
 mod operators;
 mod parts;
 mod phs;
+mod short_way;
 mod spec;
 mod stability;
 mod starts;

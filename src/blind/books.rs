@@ -115,6 +115,32 @@ pub fn openings(asked: Option<&Path>) -> Option<PathBuf> {
     asked.map(Path::to_owned).or_else(|| own.parent().filter(|folder| folder.is_dir()).map(|_| own.to_owned()))
 }
 
+/// Refuses a second draw of the report split with one version: it is opened at most once per release, and the same opening may be repeated.
+///
+/// # Errors
+/// If the book at `path` has this version with another order.
+pub fn refuse_second_opening(path: &Path, order: &Order) -> Result<(), Failure> {
+    let version = env!("CARGO_PKG_VERSION");
+    let book = read_if_there(path)?.unwrap_or_default();
+    let own = drawn(order);
+    let is_other = |line: &&str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        cells.get(1) == Some(&version) && cells.get(2..6).is_some_and(|cells| cells != own.as_slice())
+    };
+    let Some(line) = book.lines().find(is_other) else { return Ok(()) };
+    let seed = line.split(',').nth(2).unwrap_or_default();
+    Err(Failure::call(format!(
+        "--split report: version {version} was opened with seed {seed} ({}), and the split is opened once per release: raise the version, or take --split calibrate",
+        path.display()
+    )))
+}
+
+/// Seed, split, size and scale of an order, as a book has them.
+fn drawn(order: &Order) -> [String; 4] {
+    let scale = if order.quick { "quick".to_owned() } else { order.scale.to_string() };
+    [order.seed.to_string(), order.split.clone(), order.size.clone(), scale]
+}
+
 /// Writes an opening of the report split into its book, good or bad; the same opening only once.
 ///
 /// # Errors
@@ -123,13 +149,14 @@ pub fn book(path: &Path, order: &Order, score: &Score, provenance: &Value) -> Re
     let share = |rate: &Rate| format!("{:.4}", rate.share);
     let text = |key: &str| provenance[key].as_str().unwrap_or("unknown").replace([',', '\n'], " ");
     let cases = &score.cases;
+    let [seed, split, size, scale] = drawn(order);
     let line = [
         text("commit"),
         text("version"),
-        order.seed.to_string(),
-        order.split.clone(),
-        order.size.clone(),
-        if order.quick { "quick".to_owned() } else { order.scale.to_string() },
+        seed,
+        split,
+        size,
+        scale,
         (cases.singles + cases.nulls + cases.pairs + cases.foreign).to_string(),
         share(&score.names.top1),
         share(&score.names.top3),

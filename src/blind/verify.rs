@@ -15,6 +15,12 @@ use std::sync::Mutex;
 /// # Errors
 /// If anything does not agree, or can't be read.
 pub fn verify(store: &Store, jobs: usize) -> Result<(), Failure> {
+    if !store.path("order.json").exists() && store.path("score.json").exists() {
+        return Err(Failure::file(format!(
+            "{}: nothing to make again: what was measured has no seed. Its answers are what their run.json states, and --manifest scores them again",
+            store.0.display()
+        )));
+    }
     let order: Order = read_json(&store.path("order.json"))?;
     let labels: Vec<Label> = order.labels().map_err(Failure::file)?;
     let ids: Vec<&str> = labels.iter().map(|label| label.id.as_str()).collect();

@@ -32,6 +32,10 @@ pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
     }
     let order = if call.merge.is_empty() { order(call)? } else { order_of(&call.merge)? };
     let labels = order.labels().map_err(Failure::file)?;
+    let book = (order.split == "report").then(|| books::openings(call.openings.as_deref()));
+    if let Some(Some(book)) = &book {
+        books::refuse_second_opening(book, &order)?;
+    }
     store.settle("order.json", &json(&order)?)?;
     let labels_sha256 = books::seal(&store, &json(&labels)?, labels.len())?;
 
@@ -75,9 +79,9 @@ pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
         output::warn(&[format!("{} proposed experiments are still to be made: --active goes on", active.open)]);
     }
     let provenance = books::provenance(&store, &order, &labels_sha256, &ids, &call.commit)?;
-    if order.split == "report" {
-        match books::openings(call.openings.as_deref()) {
-            Some(path) => books::book(&path, &order, &score, &provenance)?,
+    if let Some(book) = &book {
+        match book {
+            Some(path) => books::book(path, &order, &score, &provenance)?,
             None => output::warn(&[
                 "this opening of the report split is written down nowhere: name its book with --openings".into(),
             ]),

@@ -142,6 +142,7 @@ fn page(call: &DiagnoseCall, found: &Diagnosis) -> gap_diagnosis::page::Page {
 
 fn print(call: &DiagnoseCall, found: &Diagnosis) {
     output::line(&found.sentence());
+    output::line(&format!("fit: {} (nominal, refitted, with what is named)", found.gap.fits(", ")));
     output::line(&format!("where: {}", strongest(&found.location)));
     for ranked in found.ranking.iter().take(RANKED).filter(|ranked| ranked.probability >= LEAST) {
         output::line(&format!("  {:28} {:5.1} %", ranked.effect, 100.0 * ranked.probability));

@@ -22,6 +22,10 @@ pub fn read(
     for path in paths {
         refuse_too_long(path, arguments, most_rows)?;
         let mut log = log::read(path, &arguments.options())?;
+        // A compressed file may hold many rows in few bytes.
+        if log.len() > most_rows {
+            return Err(too_long(path, most_rows));
+        }
         let of_name = |other: &&PathBuf| output::file_name(other) == output::file_name(path);
         let is_alone = paths.iter().chain(beside).filter(of_name).count() == 1;
         log.name = if is_alone { output::file_name(path) } else { path.display().to_string() };
@@ -60,10 +64,14 @@ pub fn no_structure(log: &str, kind: &str) -> String {
 fn refuse_too_long(path: &Path, arguments: &ReadArguments, most_rows: usize) -> Result<(), Failure> {
     let large = std::fs::metadata(path).is_ok_and(|file| file.len() > LARGE_BYTES);
     if large && log::open(path, &arguments.options())?.take(most_rows + 1).count() > most_rows {
-        return Err(Failure::file(format!(
-            "{}: more than {most_rows} rows: cut the log or lower its rate; a fit needs seconds of data, not hours",
-            path.display()
-        )));
+        return Err(too_long(path, most_rows));
     }
     Ok(())
+}
+
+fn too_long(path: &Path, most_rows: usize) -> Failure {
+    Failure::file(format!(
+        "{}: more than {most_rows} rows: cut the log or lower its rate; a fit needs seconds of data, not hours",
+        path.display()
+    ))
 }

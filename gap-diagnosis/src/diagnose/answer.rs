@@ -134,6 +134,8 @@ pub struct Evidence {
     pub responses: Vec<ResponseView>,
     /// Explanations that were fitted and not named, most probable first.
     pub rivals: Vec<Rival>,
+    /// Entries that no fit has, with the percentage of the gap's mean square that the screening lets them take, most first; none where there is no gap.
+    pub screened: Vec<(String, f64)>,
     /// Fraction of the gap that the named one leaves, as amplitude.
     pub named_left: Option<f64>,
     /// The quantities of `changed`.
@@ -348,6 +350,7 @@ pub(super) fn answer(
             logs,
             responses,
             rivals: rivals(course, &shares_of_known, explanation),
+            screened: screened(course),
             named_left: explanation.map(|explanation| explanation.judged.left),
             changed: found.moved(bench),
             hidden: hidden.iter().filter(|_| verdict == Verdict::NoGap).map(|(id, _)| *id).collect(),
@@ -494,6 +497,18 @@ fn stages(leads: &[Lead]) -> Vec<StagePart> {
         effect: lead.effect.id(),
     };
     best.into_iter().map(part).collect()
+}
+
+/// What was left at the screening.
+fn screened(course: &Course) -> Vec<(String, f64)> {
+    let is_fitted = |id: &str| course.explanations.iter().any(|explanation| explanation.judged.ids.contains(&id));
+    let mut best: BTreeMap<&str, f64> = BTreeMap::new();
+    for lead in course.leads.iter().filter(|lead| course.has_gap() && !is_fitted(lead.effect.id())) {
+        best.entry(lead.effect.id()).or_insert((100.0 * lead.share).clamp(0.0, 100.0));
+    }
+    let mut best: Vec<(String, f64)> = best.into_iter().map(|(id, percent)| (id.to_owned(), percent)).collect();
+    best.sort_by(|a, b| b.1.total_cmp(&a.1));
+    best
 }
 
 /// Where the residual of `played` lies, run-ins left out.

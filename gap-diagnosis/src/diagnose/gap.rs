@@ -40,6 +40,12 @@ pub struct Gap {
     pub augmented_rms_um: f64,
     /// Rms of the noise.
     pub noise_rms_um: f64,
+    /// 100 (1 - ||measured - predicted|| / ||measured - its mean in each log||) of the same rows, nominal plant; null where nothing moved.
+    pub nominal_fit_percent: f64,
+    /// .. nominal numbers refitted under their sigma.
+    pub refit_fit_percent: f64,
+    /// .. with the named effects.
+    pub augmented_fit_percent: f64,
     /// 100 (1 - augmented / nominal).
     pub shrink_percent: f64,
     /// Its 95 % interval, by moving blocks.
@@ -111,10 +117,14 @@ pub(super) fn is_scored(benches: &Benches<'_>, index: usize, row: usize) -> bool
 /// The gap on the headline's rows, where `expected` is what was to be expected there.
 pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, seed: u64) -> Gap {
     let mut logs: Vec<Vec<Sums>> = Vec::new();
+    let mut motion_m2 = 0.0;
     for (index, record) in benches.records().enumerate() {
         let augmented = &three.augmented[index];
         let scored = || (0..record.log.len()).filter(|row| is_scored(benches, index, *row));
         let rows = scored().count();
+        let measured_m = || scored().map(|row| record.log.displacement_m[row]);
+        let mean_m = measured_m().sum::<f64>() / rows.max(1) as f64;
+        motion_m2 += measured_m().map(|m| (m - mean_m).powi(2)).sum::<f64>();
         let every = rows.div_ceil(LOOKED_AT).max(1);
         let together = [&three.nominal[index], augmented].map(|played| {
             let missed_m = scored().step_by(every).map(|row| record.log.displacement_m[row] - played[row]);
@@ -146,6 +156,7 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, see
     let mut all = Sums::default();
     logs.iter().flatten().for_each(|cell| all.add(cell));
     let rms_um = |of: usize| 1e6 * all.mean(of).sqrt();
+    let fit_percent = |of: usize| 100.0 * (1.0 - (all.0[of] / motion_m2).sqrt());
     let excess = |of: usize| (all.mean(of) - all.mean(4)).max(0.0).sqrt();
     let closure_percent = match (excess(1), excess(3)) {
         (_, 0.0) => 100.0,
@@ -161,6 +172,9 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, see
         refit_rms_um: rms_um(2),
         augmented_rms_um: rms_um(3),
         noise_rms_um: rms_um(4),
+        nominal_fit_percent: fit_percent(1),
+        refit_fit_percent: fit_percent(2),
+        augmented_fit_percent: fit_percent(3),
         shrink_percent,
         shrink_percent_ci95: [low.min(shrink_percent), high.max(shrink_percent)],
         closure_percent,
@@ -170,6 +184,12 @@ pub(super) fn gap(benches: &Benches<'_>, three: &Three, expected: &Expected, see
 }
 
 impl Gap {
+    /// The three fits in words, nominal plant first.
+    pub fn fits(&self, between: &str) -> String {
+        let fits = [self.nominal_fit_percent, self.refit_fit_percent, self.augmented_fit_percent];
+        fits.map(|percent| format!("{percent:.2} %")).join(between)
+    }
+
     /// Whether the named plant misses the headline's rows by more than was to be expected of it: they show what no fitted row does.
     pub(super) fn surprises(&self, expected: &Expected) -> bool {
         let noise2_m2 = (1e-6 * self.noise_rms_um).powi(2);
@@ -474,6 +494,9 @@ mod tests {
             refit_rms_um: augmented_rms_um,
             augmented_rms_um,
             noise_rms_um: 0.02,
+            nominal_fit_percent: 0.0,
+            refit_fit_percent: 0.0,
+            augmented_fit_percent: 0.0,
             shrink_percent: 0.0,
             shrink_percent_ci95: [0.0; 2],
             closure_percent: 0.0,

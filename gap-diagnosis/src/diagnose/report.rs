@@ -79,7 +79,10 @@ impl Diagnosis {
     fn facts(&self) -> Vec<(String, String)> {
         let [low, high] = self.gap.predicted_shrink_percent_ci95;
         let shrink = format!("{:.1} % [{low:.1}, {high:.1}]", self.gap.predicted_shrink_percent).replace('-', "−");
-        let mut facts = vec![("shrink predicted from the fitted rows, if the forms hold".to_owned(), shrink)];
+        let mut facts = vec![
+            ("shrink predicted from the fitted rows, if the forms hold".to_owned(), shrink),
+            ("fit, nominal plant → refit → with the named effects".to_owned(), self.gap.fits(" → ").replace('-', "−")),
+        ];
         facts.extend(self.closed_loop.as_ref().map(|of| {
             let [nominal, augmented] =
                 [of.nominal_error_um, of.augmented_error_um].map(|error_um| four_digits(error_um, "µm"));
@@ -171,6 +174,7 @@ impl Diagnosis {
             logs: self.evidence.logs.iter().map(diagnosed).collect(),
             responses: self.evidence.responses.clone(),
             rivals: self.evidence.rivals.iter().map(|rival| self.rival(rival)).collect(),
+            screened: self.evidence.screened.clone(),
             unexplained: (self.unexplained.rms_um > 0.0).then(|| UnexplainedView {
                 rms_um: self.unexplained.rms_um,
                 structured_share_percent: self.unexplained.structured_share_percent,

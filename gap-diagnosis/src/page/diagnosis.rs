@@ -52,6 +52,8 @@ pub struct DiagnosisView {
     pub responses: Vec<ResponseView>,
     /// Entries that were fitted and rejected, the closest first.
     pub rivals: Vec<RivalView>,
+    /// Entries that were not fitted, with the percentage of the gap after the refit that the screening lets them take, most first.
+    pub screened: Vec<(String, f64)>,
     /// What no entry explains; none if nothing is left above the noise.
     pub unexplained: Option<UnexplainedView>,
     /// Command line, logs, plant, seed, version.
@@ -236,7 +238,11 @@ pub fn diagnosis_page(view: &DiagnosisView) -> Page {
     gap(&mut page, view);
     ranking(&mut page, view);
     effects(&mut page, view);
-    rivals(&mut page, &view.rivals);
+    if !view.rivals.is_empty() || !view.screened.is_empty() {
+        page.section("Rivals rejected, and why");
+        rivals(&mut page, &view.rivals);
+        screened(&mut page, &view.screened);
+    }
     next(&mut page, &view.next);
     if let Some(found) = &view.location {
         page.section("Where the gap lies");
@@ -502,7 +508,6 @@ fn rivals(page: &mut Page, rivals: &[RivalView]) {
     if rivals.is_empty() {
         return;
     }
-    page.section("Rivals rejected, and why");
     let rows: Vec<Vec<String>> = rivals
         .iter()
         .map(|rival| {
@@ -520,6 +525,18 @@ fn rivals(page: &mut Page, rivals: &[RivalView]) {
          far from where they are known to be (a cost of 5 to 20).",
         &["entry", "left over noise", "prior cost", "probability", "reason"],
         &rows,
+    );
+}
+
+fn screened(page: &mut Page, screened: &[(String, f64)]) {
+    if screened.is_empty() {
+        return;
+    }
+    page.table(
+        "Not fitted, as the screening promises too little: the most that each could take of the mean square that the refit leaves, its sizes and the \
+         nominal parameters free, to first order.",
+        &["entry", "at most"],
+        &screened.iter().map(|(effect, percent)| vec![effect.clone(), short_percent(*percent)]).collect::<Vec<_>>(),
     );
 }
 

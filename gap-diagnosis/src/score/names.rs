@@ -19,13 +19,15 @@ pub struct Names {
     pub top1: Rate,
     /// The leading name is the truth itself.
     pub strict_top1: Rate,
-    /// The truth is right by the class rule among the leading name and the three most probable answers, `unknown` and `no_gap` among them.
+    /// The truth is right by the class rule among three: the leading name and the most probable other answers, `unknown` and `no_gap` among them.
     pub top3: Rate,
     /// The stage is right, or the name by the class rule.
     pub stage: Rate,
+    /// The stage itself is right.
+    pub strict_stage: Rate,
     /// The leading name is right by the class rule, where the refit leaves at least three times the noise; of no case where nobody knows that.
     pub shown_top1: Rate,
-    /// The same of the stage.
+    /// The same of the stage, or the name by the class rule.
     pub shown_stage: Rate,
     /// More effects were named than there are.
     pub superfluous: Rate,
@@ -46,6 +48,8 @@ pub struct Recall {
     pub strict: Rate,
     /// Gap over noise from which on it is named in three of four cases, in its bin and in all above together; none if never, or if the gaps are not known.
     pub detectable_from: Option<f64>,
+    /// By size of the gap.
+    pub by_ratio: Vec<RatioBin>,
 }
 
 /// Cases whose gap over noise lies in one bin.
@@ -76,20 +80,22 @@ pub fn names(cases: &[Case]) -> Names {
     let effects: BTreeSet<&str> = singles.iter().map(|case| case.truth.effects[0].as_str()).collect();
     let recall = |effect: &&str| {
         let mine: Vec<&Case> = singles.iter().copied().filter(|case| case.truth.effects[0] == **effect).collect();
+        let by_ratio = bins(&mine);
         Recall {
             effect: (*effect).to_owned(),
             recall: Rate::count(&mine, |case| case.is_right()),
             strict: Rate::count(&mine, |case| is_strictly_right(case)),
-            detectable_from: frontier(&bins(&mine)),
+            detectable_from: frontier(&by_ratio),
+            by_ratio,
         }
     };
     // What was wrong with a nominal number has no stage of its own.
-    let staged = |cases: &[&Case]| {
-        Rate::count(cases.iter().filter(|case| case.truth.stage.is_some()), |case| {
-            let stage = case.answered().and_then(|answer| answer.stage.as_ref());
-            case.is_right() || stage == case.truth.stage.as_ref()
-        })
+    let has_its_stage =
+        |case: &Case| case.answered().and_then(|answer| answer.stage.as_ref()) == case.truth.stage.as_ref();
+    let staged = |cases: &[&Case], is_right: &dyn Fn(&Case) -> bool| {
+        Rate::count(cases.iter().filter(|case| case.truth.stage.is_some()), |case| is_right(case))
     };
+    let stage = |cases: &[&Case]| staged(cases, &|case| case.is_right() || has_its_stage(case));
     // Of a real bench nobody knows the noise; no answer is no excuse.
     let shows =
         |case: &&Case| case.truth.noise_um.is_some() && case.refit_over_noise().is_none_or(|ratio| ratio >= SHOWN);
@@ -98,9 +104,10 @@ pub fn names(cases: &[Case]) -> Names {
         top1: Rate::count(&singles, |case| case.is_right()),
         strict_top1: Rate::count(&singles, |case| is_strictly_right(case)),
         top3: Rate::count(&singles, |case| is_among_three(case)),
-        stage: staged(&singles),
+        stage: stage(&singles),
+        strict_stage: staged(&singles, &has_its_stage),
         shown_top1: Rate::count(&shown, |case| case.is_right()),
-        shown_stage: staged(&shown),
+        shown_stage: stage(&shown),
         superfluous: Rate::count(&singles, |case| case.answered().is_some_and(|answer| answer.effects.len() > 1)),
         recall: effects.iter().map(recall).collect(),
         by_ratio: bins(&singles),
@@ -114,7 +121,9 @@ fn is_strictly_right(case: &Case) -> bool {
 fn is_among_three(case: &Case) -> bool {
     let truth = &case.truth.effects[0];
     let holds = |answer: &Answer| {
-        std::iter::once(answer.name()).chain(answer.first(3)).any(|name| answer.counts_as(name, truth))
+        let leading = answer.name();
+        let others = answer.first(3).filter(|name| *name != leading);
+        std::iter::once(leading).chain(others).take(3).any(|name| answer.counts_as(name, truth))
     };
     case.answered().is_some_and(holds)
 }

@@ -47,6 +47,7 @@ pub fn score_page(view: &PageView<'_>) -> Page {
         let by_ratio = knows_gaps(score).then(|| by_ratio(score));
         page.bar_lists(&std::iter::once(recall(score)).chain(by_ratio).collect::<Vec<_>>());
         singles(&mut page, score);
+        sizes(&mut page, score);
     }
     page.section("Whether the probabilities can be relied upon");
     page.charts(vec![calibration(score), risk(score)]);
@@ -166,11 +167,7 @@ fn recall(score: &Score) -> BarList {
 }
 
 fn by_ratio(score: &Score) -> BarList {
-    let items = score.names.by_ratio.iter().map(|bin| {
-        let label =
-            if bin.to.is_finite() { format!("{} to {}", bin.from, bin.to) } else { format!("{} and more", bin.from) };
-        item(&label, &bin.right, "")
-    });
+    let items = score.names.by_ratio.iter().map(|bin| item(&ratio_label(bin), &bin.right, ""));
     BarList {
         title: "Right names by gap over noise".to_owned(),
         caption: "The gap is that of the bench with its effect against itself without, before any refit.".to_owned(),
@@ -195,6 +192,7 @@ fn singles(page: &mut Page, score: &Score) {
         ("right name by the class rule", names.top1),
         ("right name, the truth itself", names.strict_top1),
         ("right among three", names.top3),
+        ("right stage", names.strict_stage),
         ("right stage, or right name", names.stage),
         ("right name, where the refit leaves 3 times the noise", names.shown_top1),
         ("right stage there, or right name", names.shown_stage),
@@ -202,13 +200,37 @@ fn singles(page: &mut Page, score: &Score) {
     ];
     if names.shown_top1.of == 0 {
         // None shows that much, or nobody knows the noise.
-        rows.drain(4..6);
+        rows.drain(5..7);
     }
     page.table(
         "Cases with one effect.",
         &["figure", "found", "95 % interval", "cases"],
         &rows.iter().map(|(name, rate)| rate_row(name, rate)).collect::<Vec<_>>(),
     );
+}
+
+/// Effect by effect and size by size, where sizes are known.
+fn sizes(page: &mut Page, score: &Score) {
+    if !knows_gaps(score) {
+        return;
+    }
+    let edges: Vec<String> = score.names.by_ratio.iter().map(ratio_label).collect();
+    let row = |recall: &super::Recall| {
+        let of_bin = |bin: &super::RatioBin| {
+            let mine = recall.by_ratio.iter().find(|mine| mine.from == bin.from);
+            mine.map_or("–".to_owned(), |mine| format!("{}/{}", mine.right.hits, mine.right.of))
+        };
+        std::iter::once(recall.effect.clone()).chain(score.names.by_ratio.iter().map(of_bin)).collect::<Vec<_>>()
+    };
+    page.table(
+        "Right names of each effect by gap over noise, of so many cases.",
+        &std::iter::once("effect").chain(edges.iter().map(String::as_str)).collect::<Vec<_>>(),
+        &score.names.recall.iter().map(row).collect::<Vec<_>>(),
+    );
+}
+
+fn ratio_label(bin: &super::RatioBin) -> String {
+    if bin.to.is_finite() { format!("{} to {}", bin.from, bin.to) } else { format!("{} and more", bin.from) }
 }
 
 fn calibration(score: &Score) -> Chart {

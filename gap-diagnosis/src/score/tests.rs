@@ -101,6 +101,16 @@ fn pairs_match_one_to_one() {
 }
 
 #[test]
+fn three_are_no_more_than_three() {
+    // What is named need not be the most probable: then two more come before the rest.
+    let ranking = [("backlash", 0.4), ("end_stop", 0.3), ("mains_hum", 0.2), ("creep", 0.1)];
+    let of = |effect: &str| {
+        names::names(&[case("", truth(&[effect]), answer(&["creep"], &ranking, &["creep"], &[]))]).top3.hits
+    };
+    assert_eq!(["creep", "backlash", "end_stop", "mains_hum"].map(of), [1, 1, 1, 0]);
+}
+
+#[test]
 fn an_effect_shows_where_the_refit_leaves_three_times_the_noise() {
     // The answers' refit leaves 0.1 um: 10 times, 3 times and twice the noise, which is taken off first.
     let of = |noise_um: f64, name: &str| {
@@ -110,12 +120,13 @@ fn an_effect_shows_where_the_refit_leaves_three_times_the_noise() {
     let mut cases = vec![of(0.01, "creep"), of(0.0316, "backlash"), of(0.05, "backlash"), of(0.0317, "backlash")];
     let hits = |cases: &[Case]| {
         let names = names::names(cases);
-        [names.shown_top1, names.shown_stage].map(|rate| (rate.hits, rate.of))
+        [names.shown_top1, names.shown_stage, names.strict_stage].map(|rate| (rate.hits, rate.of))
     };
-    assert_eq!(hits(&cases), [(1, 2), (1, 2)]);
+    // No answer states a stage.
+    assert_eq!(hits(&cases), [(1, 2), (1, 2), (0, 4)]);
     // No answer is no excuse.
     cases.push(Case { answer: Err("killed".into()), ..of(0.05, "creep") });
-    assert_eq!(hits(&cases), [(1, 3), (1, 3)]);
+    assert_eq!(hits(&cases), [(1, 3), (1, 3), (0, 5)]);
 }
 
 #[test]
@@ -243,6 +254,11 @@ fn the_frontier_is_where_three_of_four_are_found_from_there_on() {
     // A lucky small one does not count while larger ones are missed.
     assert_eq!(from(&[at(4.0, true), at(6.0, false), at(7.0, false), at(30.0, true)]), Some(20.0));
     assert_eq!(from(&[at(4.0, false)]), None);
+    let cases = [at(4.0, true), at(4.5, false), at(30.0, true)];
+    let bins: Vec<_> =
+        names::names(&cases).recall[0].by_ratio.iter().map(|bin| (bin.from, bin.right.hits, bin.right.of)).collect();
+    assert_eq!(bins, [(3.0, 1, 2), (20.0, 1, 1)]);
+    assert!(by_hand(&score(&cases, None, None)).contains(">1/2</td>"));
 }
 
 #[test]

@@ -85,6 +85,18 @@ mod tests {
     use super::*;
     use crate::chain::{Line, Swing};
 
+    /// In the middle of samples, forwards and backwards across what one sine serves.
+    #[test]
+    fn a_phase_begins_where_it_is_said_to() {
+        let (hz, sample_s) = (37.3, 5e-5);
+        let phasor = Phasor::new(hz, sample_s, 0.5 * sample_s);
+        for sample in [0u64, 1, 62, 63, 64, 65, 127, 128, 64, 63, 1, 0, 1_000_000] {
+            let (sin, cos) = (TAU * hz * (sample as f64 + 0.5) * sample_s).sin_cos();
+            let wave = phasor.at(sample);
+            assert!((wave.0 - sin).abs() < 1e-12 && (wave.1 - cos).abs() < 1e-12, "{sample}: {wave:?} {sin} {cos}");
+        }
+    }
+
     /// An hour at 20 kHz, looked at here and there and in any order.
     #[test]
     fn a_reading_sample_by_sample_is_that_at_any_time() {

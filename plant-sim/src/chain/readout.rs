@@ -102,6 +102,9 @@ impl Readout {
 
     /// Each play has been left at this `share` of its half width from the middle.
     pub(super) fn hold(&mut self, share: f64) {
+        if self.is_seen {
+            return;
+        }
         for contact in 0..self.contacts {
             self.contacts_m[contact] += share * self.half_m(contact);
         }

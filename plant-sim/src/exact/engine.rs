@@ -567,7 +567,8 @@ fn inside<const N: usize>(region: &Region<N>, x: &[f64; N]) -> bool {
 fn halvings_to<const N: usize>(region: &Region<N>, x: &[f64; N], y: &[f64; N]) -> u32 {
     let mut share = 1.0;
     for i in 0..N {
-        let bound = y[i].clamp(region.low[i], region.high[i]);
+        // Not `clamp`, which panics where an edge is no number.
+        let bound = y[i].max(region.low[i]).min(region.high[i]);
         if bound != y[i] {
             share = f64::min(share, (bound - x[i]) / (y[i] - x[i]));
         }

@@ -9,7 +9,7 @@
 //! * A hysteron inside its dead zone moves monotonically while the velocity keeps its sign, and one outside can cross its edge at
 //!   most once. So a move is accepted when the region is the same at its end and the velocity provably kept its sign (a cubic
 //!   through values and slopes at both ends, with margin), or when no dead zone could have been reached at all. Otherwise it is
-//!   halved. This also catches an edge that is crossed and crossed back within one move.
+//!   shortened, to where straight lines would meet the edge or by half. This also catches an edge that is crossed and crossed back within one move.
 //! * On the finest step the crossing is a root of the Taylor polynomial.
 //!
 //! Not here: what the states mean ([`crate::phs`]), and what happens to the input before it becomes a force ([`crate::chain`]).
