@@ -1,7 +1,7 @@
 //! Model and controller files: those of the project, what is written is read back, and a stated start is where a run begins.
 
 use plant_sim::FileError;
-use plant_sim::chain::Simulator;
+use plant_sim::chain::{Held, Simulator};
 use plant_sim::controller::Controller;
 use plant_sim::model::{InitialStateSection, Model, SensorSection};
 use plant_sim::param::Param;
@@ -24,8 +24,18 @@ fn the_files_that_are_explained_are_files() {
     let text = fs::read_to_string(of_project("docs/files.md")).expect("a document of the project");
     let examples: Vec<&str> =
         text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().expect("an end")).collect();
-    let [plant, controller] = examples[..] else { panic!("{} examples", examples.len()) };
-    let model = Model::parse(plant, Path::new("docs/files.md")).unwrap_or_else(|e| panic!("{e}"));
+    let [plant, matrices, polynomials, controller] = examples[..] else { panic!("{} examples", examples.len()) };
+    let plant_of = |text| Model::parse(text, Path::new("docs/files.md")).unwrap_or_else(|e| panic!("{e}"));
+    let ends = [matrices, polynomials].map(|text| {
+        let mut plant = Simulator::new(&plant_of(text).chain(), 1e-4, 0.0);
+        (0..10).for_each(|_| plant.advance(Held::zero_order(10.0), 0.0));
+        plant.reading_m()
+    });
+    assert!(
+        ends[0] > 1e-6 && (ends[0] / ends[1] - 1.0).abs() < 1e-9,
+        "matrices and polynomials of one plant: {ends:?}"
+    );
+    let model = plant_of(plant);
     assert_eq!(model.warnings(), Vec::<String>::new());
     assert!(model.rig.is_some() && model.initial_state.is_some() && model.effects.len() == 1);
     let offset = model.sensor.offset_um.as_ref().expect("a zero");

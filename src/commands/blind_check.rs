@@ -32,8 +32,9 @@ pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
     }
     let order = if call.merge.is_empty() { order(call)? } else { order_of(&call.merge)? };
     let labels = order.labels().map_err(Failure::file)?;
-    let book = (order.split == "report").then(|| books::openings(call.openings.as_deref()));
-    if let Some(Some(book)) = &book {
+    let is_opening = order.split == "report";
+    let book = books::openings(call.openings.as_deref());
+    if let Some(book) = book.as_ref().filter(|_| is_opening) {
         books::refuse_second_opening(book, &order)?;
     }
     store.settle("order.json", &json(&order)?)?;
@@ -79,8 +80,8 @@ pub fn blind_check(call: &BlindCheckCall) -> Result<(), Failure> {
         output::warn(&[format!("{} proposed experiments are still to be made: --active goes on", active.open)]);
     }
     let provenance = books::provenance(&store, &order, &labels_sha256, &ids, &call.commit)?;
-    if let Some(book) = &book {
-        match book {
+    if is_opening {
+        match &book {
             Some(path) => books::book(path, &order, &score, &provenance)?,
             None => output::warn(&[
                 "this opening of the report split is written down nowhere: name its book with --openings".into(),

@@ -75,3 +75,22 @@ fn too_long(path: &Path, most_rows: usize) -> Failure {
         path.display()
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small file is read before its rows are counted, as a compressed one would be.
+    #[test]
+    fn rows_count_in_small_files_as_well() {
+        let path = std::env::temp_dir().join(format!("hysteron-rows-{}.csv", std::process::id()));
+        let rows = (0..20).map(|k| format!("{:.3},0.0,{k}.5\n", f64::from(k) / 1e3)).collect::<String>();
+        std::fs::write(&path, format!("time_s,command_V,displacement_um\n{rows}")).expect("a temporary file");
+        let arguments = ReadArguments { columns: Vec::new(), scale: Vec::new(), rate_hz: None };
+        let of = |most_rows| read(std::slice::from_ref(&path), &[], &arguments, most_rows).map(|logs| logs[0].len());
+        let (fits, refused) = (of(20).ok(), of(19).err().map(|failure| failure.line()));
+        std::fs::remove_file(&path).expect("still there");
+        assert_eq!(fits, Some(20));
+        assert!(refused.as_ref().is_some_and(|line| line.contains("more than 19 rows")), "{refused:?}");
+    }
+}

@@ -5,6 +5,7 @@ use super::bench::{Bench, Record};
 use super::closed_loop::ClosedLoop;
 use super::events::Losses;
 use super::explanation::Explanation;
+use super::fits::distinct;
 use super::gap::{Gap, Left, LeftWith, ShareOf, Three, expected, gap, shares};
 use super::hypothesis::Installed;
 use super::judge::Course;
@@ -134,7 +135,7 @@ pub struct Evidence {
     pub responses: Vec<ResponseView>,
     /// Explanations that were fitted and not named, most probable first.
     pub rivals: Vec<Rival>,
-    /// Entries that no fit has, with the percentage of the gap's mean square that the screening lets them take, most first; none where there is no gap.
+    /// Entries that no explanation has, with the percentage of the gap's mean square that the screening lets them take, most first; none without a gap.
     pub screened: Vec<(String, f64)>,
     /// Fraction of the gap that the named one leaves, as amplitude.
     pub named_left: Option<f64>,
@@ -493,22 +494,17 @@ fn stages(leads: &[Lead]) -> Vec<StagePart> {
     leads.iter().for_each(|lead| _ = best.entry(lead.effect.stage()).or_insert(lead));
     let part = |(stage, lead): (Stage, &Lead)| StagePart {
         stage: stage.name(),
-        share_percent: (100.0 * lead.share).clamp(0.0, 100.0),
+        share_percent: lead.share_percent(),
         effect: lead.effect.id(),
     };
     best.into_iter().map(part).collect()
 }
 
-/// What was left at the screening.
+/// What was left at the screening, which is made of a gap only.
 fn screened(course: &Course) -> Vec<(String, f64)> {
-    let is_fitted = |id: &str| course.explanations.iter().any(|explanation| explanation.judged.ids.contains(&id));
-    let mut best: BTreeMap<&str, f64> = BTreeMap::new();
-    for lead in course.leads.iter().filter(|lead| course.has_gap() && !is_fitted(lead.effect.id())) {
-        best.entry(lead.effect.id()).or_insert((100.0 * lead.share).clamp(0.0, 100.0));
-    }
-    let mut best: Vec<(String, f64)> = best.into_iter().map(|(id, percent)| (id.to_owned(), percent)).collect();
-    best.sort_by(|a, b| b.1.total_cmp(&a.1));
-    best
+    let is_told = |id: &str| course.explanations.iter().any(|explanation| explanation.judged.ids.contains(&id));
+    let left = distinct(&course.leads).into_iter().filter(|lead| !is_told(lead.effect.id()));
+    left.map(|lead| (lead.effect.id().to_owned(), lead.share_percent())).collect()
 }
 
 /// Where the residual of `played` lies, run-ins left out.

@@ -741,7 +741,7 @@ fn is_lag(lead: &Lead) -> bool {
 }
 
 /// The best lead of each effect, in order.
-fn distinct<'l>(leads: impl IntoIterator<Item = &'l Lead>) -> Vec<&'l Lead> {
+pub(super) fn distinct<'l>(leads: impl IntoIterator<Item = &'l Lead>) -> Vec<&'l Lead> {
     let mut seen: Vec<&str> = Vec::new();
     leads
         .into_iter()

@@ -77,6 +77,13 @@ pub struct Lead {
     pub share: f64,
 }
 
+impl Lead {
+    /// The share in per cent, which a linear estimate may put beyond all of it.
+    pub fn share_percent(&self) -> f64 {
+        (100.0 * self.share).clamp(0.0, 100.0)
+    }
+}
+
 /// One combination of shapes of one form: its columns are its amplitudes, or the form itself if it has none.
 #[derive(Clone)]
 pub(super) struct Block {

@@ -12,6 +12,8 @@ use crate::locate::{Where, strongest};
 const N_RANKED: usize = 10;
 /// .. and none below this.
 const LEAST_PROBABILITY: f64 = 0.001;
+/// What the screening lets an entry take of the gap, in per cent, below which entries are counted and not listed.
+const LEAST_SCREENED_PERCENT: f64 = 1.0;
 
 /// Everything a diagnosis page shows.
 #[derive(Debug, Clone, Default)]
@@ -52,7 +54,7 @@ pub struct DiagnosisView {
     pub responses: Vec<ResponseView>,
     /// Entries that were fitted and rejected, the closest first.
     pub rivals: Vec<RivalView>,
-    /// Entries that were not fitted, with the percentage of the gap after the refit that the screening lets them take, most first.
+    /// Entries that no explanation has, with the percentage of the gap after the refit that the screening lets them take, most first.
     pub screened: Vec<(String, f64)>,
     /// What no entry explains; none if nothing is left above the noise.
     pub unexplained: Option<UnexplainedView>,
@@ -238,11 +240,7 @@ pub fn diagnosis_page(view: &DiagnosisView) -> Page {
     gap(&mut page, view);
     ranking(&mut page, view);
     effects(&mut page, view);
-    if !view.rivals.is_empty() || !view.screened.is_empty() {
-        page.section("Rivals rejected, and why");
-        rivals(&mut page, &view.rivals);
-        screened(&mut page, &view.screened);
-    }
+    rivals(&mut page, &view.rivals, &view.screened);
     next(&mut page, &view.next);
     if let Some(found) = &view.location {
         page.section("Where the gap lies");
@@ -504,13 +502,12 @@ fn logs(page: &mut Page, logs: &[DiagnosedLog]) {
     }
 }
 
-fn rivals(page: &mut Page, rivals: &[RivalView]) {
-    if rivals.is_empty() {
-        return;
+fn rivals(page: &mut Page, rivals: &[RivalView], screened: &[(String, f64)]) {
+    if !rivals.is_empty() || !screened.is_empty() {
+        page.section("Rivals rejected, and why");
     }
-    let rows: Vec<Vec<String>> = rivals
-        .iter()
-        .map(|rival| {
+    if !rivals.is_empty() {
+        let row = |rival: &RivalView| {
             vec![
                 rival.effect.clone(),
                 four_digits(rival.rms_over_noise, ""),
@@ -518,26 +515,31 @@ fn rivals(page: &mut Page, rivals: &[RivalView]) {
                 short_percent(100.0 * rival.probability),
                 rival.reason.clone(),
             ]
-        })
-        .collect();
-    page.table(
-        "Each was fitted together with the nominal parameters. A true explanation reaches the noise (1) without bending the nominal parameters \
-         far from where they are known to be (a cost of 5 to 20).",
-        &["entry", "left over noise", "prior cost", "probability", "reason"],
-        &rows,
-    );
-}
-
-fn screened(page: &mut Page, screened: &[(String, f64)]) {
-    if screened.is_empty() {
-        return;
+        };
+        page.table(
+            "Each was fitted together with the nominal parameters. A true explanation reaches the noise (1) without bending the nominal parameters \
+             far from where they are known to be (a cost of 5 to 20).",
+            &["entry", "left over noise", "prior cost", "probability", "reason"],
+            &rivals.iter().map(row).collect::<Vec<_>>(),
+        );
     }
-    page.table(
-        "Not fitted, as the screening promises too little: the most that each could take of the mean square that the refit leaves, its sizes and the \
-         nominal parameters free, to first order.",
-        &["entry", "at most"],
-        &screened.iter().map(|(effect, percent)| vec![effect.clone(), short_percent(*percent)]).collect::<Vec<_>>(),
-    );
+    if !screened.is_empty() {
+        let shown = screened.iter().filter(|(_, percent)| *percent >= LEAST_SCREENED_PERCENT);
+        let mut rows: Vec<Vec<String>> =
+            shown.map(|(effect, percent)| vec![effect.clone(), short_percent(*percent)]).collect();
+        if rows.len() < screened.len() {
+            rows.push(vec![
+                format!("{} others", screened.len() - rows.len()),
+                format!("less than {LEAST_SCREENED_PERCENT} % each"),
+            ]);
+        }
+        page.table(
+            "Entries that no explanation has: the most that the screening lets each take of the mean square that the refit leaves, to first order. The \
+             most promising are fitted, and fewer once a fit leaves nothing but noise.",
+            &["entry", "at most"],
+            &rows,
+        );
+    }
 }
 
 fn unexplained(page: &mut Page, left: &UnexplainedView) {

@@ -90,12 +90,9 @@ pub fn names(cases: &[Case]) -> Names {
         }
     };
     // What was wrong with a nominal number has no stage of its own.
-    let has_its_stage =
-        |case: &Case| case.answered().and_then(|answer| answer.stage.as_ref()) == case.truth.stage.as_ref();
-    let staged = |cases: &[&Case], is_right: &dyn Fn(&Case) -> bool| {
+    let staged = |cases: &[&Case], is_right: fn(&Case) -> bool| {
         Rate::count(cases.iter().filter(|case| case.truth.stage.is_some()), |case| is_right(case))
     };
-    let stage = |cases: &[&Case]| staged(cases, &|case| case.is_right() || has_its_stage(case));
     // Of a real bench nobody knows the noise; no answer is no excuse.
     let shows =
         |case: &&Case| case.truth.noise_um.is_some() && case.refit_over_noise().is_none_or(|ratio| ratio >= SHOWN);
@@ -104,10 +101,10 @@ pub fn names(cases: &[Case]) -> Names {
         top1: Rate::count(&singles, |case| case.is_right()),
         strict_top1: Rate::count(&singles, |case| is_strictly_right(case)),
         top3: Rate::count(&singles, |case| is_among_three(case)),
-        stage: stage(&singles),
-        strict_stage: staged(&singles, &has_its_stage),
+        stage: staged(&singles, has_stage_or_name),
+        strict_stage: staged(&singles, has_its_stage),
         shown_top1: Rate::count(&shown, |case| case.is_right()),
-        shown_stage: stage(&shown),
+        shown_stage: staged(&shown, has_stage_or_name),
         superfluous: Rate::count(&singles, |case| case.answered().is_some_and(|answer| answer.effects.len() > 1)),
         recall: effects.iter().map(recall).collect(),
         by_ratio: bins(&singles),
@@ -116,6 +113,14 @@ pub fn names(cases: &[Case]) -> Names {
 
 fn is_strictly_right(case: &Case) -> bool {
     case.truth.names().contains(&case.name())
+}
+
+fn has_its_stage(case: &Case) -> bool {
+    case.answered().and_then(|answer| answer.stage.as_ref()) == case.truth.stage.as_ref()
+}
+
+fn has_stage_or_name(case: &Case) -> bool {
+    case.is_right() || has_its_stage(case)
 }
 
 fn is_among_three(case: &Case) -> bool {
