@@ -6,7 +6,7 @@
 
 use super::bench::{Bench, Rule, add_priors, factor, pin_idle};
 use super::hypothesis::{Freedom, Hypothesis};
-use super::normal::{Normal, Sensitivities, Sums, evaluate};
+use super::normal::{Normal, Sensitivities, Sums, evaluate, evaluate_again};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::AtomicUsize;
 
@@ -89,6 +89,9 @@ pub fn descend(
     }
     // Sums with sensitivities, and the steps since these were taken.
     let taken = |z: &[f64], sensitivities| (evaluate(bench, hypothesis, z, sensitivities, simulations), 0);
+    let taken_at = |z: &[f64], sensitivities, there: &Normal| {
+        (evaluate_again(bench, hypothesis, z, sensitivities, Some(there), simulations), 0)
+    };
     let (mut normal, mut carried) = taken(&z, Sensitivities::Thinned);
     // Whether the sums are of squares alone, where all rows come next; and whether none do.
     let (mut is_bare, mut is_given_up) = (false, false);
@@ -144,7 +147,7 @@ pub fn descend(
             };
             (normal, carried) = match step.carried.filter(|_| may_carry && is_as_promised) {
                 Some(next) => (next, carried + 1),
-                None => taken(&z, sensitivities),
+                None => taken_at(&z, sensitivities, &step.there),
             };
             if is_over {
                 break;

@@ -45,6 +45,9 @@ pub struct Sums {
 /// Sensitivities at some rows, and the residuals there: see [`Chunk`].
 #[derive(Clone, Debug)]
 struct Kept {
+    /// The log's row at which the chunk begins.
+    from: usize,
+    places: Vec<usize>,
     columns: DMatrix<f64>,
     residuals_m: DVector<f64>,
 }
@@ -282,14 +285,24 @@ impl<'a> Lockstep<'a> {
         }
         chunk.places = (0..sums.len()).filter(|place| counts[*place] == self.thin).collect();
         chunk.residuals_m = chunk.places.iter().map(|place| sums[*place]).collect();
-        chunk.base = match &mut self.thinned {
-            Some(reader) => {
-                seen.clear();
-                predict_seeing(self.record, reader, thin_rows, |made_of| seen.push(made_of))
-            }
-            None => predicted,
-        };
-        chunk.seen = seen;
+        (chunk.base, chunk.seen) = (predicted, seen);
+        self.with_columns(chunk, rows)
+    }
+
+    /// The next `rows` rows of a log that is thinned, where squares are known already, and `known` is what was kept of these rows.
+    fn next_again(&mut self, known: Option<&Kept>, rows: usize) -> Chunk {
+        let places = |known: &Kept| (known.places.clone(), known.residuals_m.as_slice().to_vec());
+        let (places, residuals_m) = known.map(places).unwrap_or_default();
+        self.with_columns(Chunk { places, residuals_m, ..Chunk::default() }, rows)
+    }
+
+    /// A chunk of `rows` rows with its derivatives.
+    fn with_columns(&mut self, mut chunk: Chunk, rows: usize) -> Chunk {
+        if let Some(reader) = &mut self.thinned {
+            chunk.seen.clear();
+            let seen = &mut chunk.seen;
+            chunk.base = predict_seeing(self.record, reader, rows / self.thin, |made_of| seen.push(made_of));
+        }
         let (base, seen) = (&chunk.base, &chunk.seen);
         let derivative = |(plant, step): &mut (Beside<'_>, f64)| {
             let mut moved = plant.predict(self.record, base, seen);
@@ -355,12 +368,33 @@ pub fn evaluate(
     sensitivities: Sensitivities,
     simulations: &AtomicUsize,
 ) -> Normal {
+    evaluate_again(bench, hypothesis, z, sensitivities, None, simulations)
+}
+
+/// The same where `known` may hold the sums without sensitivities ([`Sensitivities::Carried`]) at the same place: logs whose sensitivities are of
+/// thinned rows need not be played in all rows again.
+pub fn evaluate_again(
+    bench: &Bench<'_>,
+    hypothesis: &Hypothesis,
+    z: &[f64],
+    sensitivities: Sensitivities,
+    known: Option<&Normal>,
+    simulations: &AtomicUsize,
+) -> Normal {
     let rows: usize = bench.records.iter().map(|record| record.log.len()).sum();
     let one_log = |index: usize| {
         let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
-        let mut sums = Sums { thin: lockstep.thin, ..Sums::of(count) };
+        let is_of_all_rows = lockstep.thinned.is_none();
+        let known = known.map(|known| &known.logs[index]).filter(|known| !is_of_all_rows && !known.kept.is_empty());
+        let thin = lockstep.thin;
+        let mut sums = match known {
+            Some(&Sums { squares_m2, within_m2, rows, .. }) => {
+                Sums { squares_m2, within_m2, rows, thin, ..Sums::of(count) }
+            }
+            None => Sums { thin, ..Sums::of(count) },
+        };
         let n = bench.records[index].log.len();
         let keeps = match sensitivities {
             Sensitivities::None => false,
@@ -368,7 +402,11 @@ pub fn evaluate(
             Sensitivities::Thinned | Sensitivities::All => rows * count < MOST_KEPT,
         };
         for from in (0..n).step_by(CHUNK) {
-            let chunk = lockstep.next(from, CHUNK.min(n - from));
+            let rows = CHUNK.min(n - from);
+            let chunk = match known {
+                Some(known) => lockstep.next_again(known.kept.iter().find(|kept| kept.from == from), rows),
+                None => lockstep.next(from, rows),
+            };
             sums.squares_m2 += chunk.squares_m2;
             sums.within_m2 += chunk.monitor_m2;
             sums.rows += chunk.rows;
@@ -378,11 +416,11 @@ pub fn evaluate(
             let columns = chunk.matrix();
             let residuals_m = DVector::from_vec(chunk.residuals_m);
             if count > 0 {
-                sums.products.gemm_tr(lockstep.thin as f64, &columns, &columns, 1.0);
+                sums.products.gemm_tr(thin as f64, &columns, &columns, 1.0);
                 sums.gradient.gemv_tr(1.0, &columns, &residuals_m, 1.0);
             }
             if keeps {
-                sums.kept.push(Kept { columns, residuals_m });
+                sums.kept.push(Kept { from, places: chunk.places, columns, residuals_m });
             }
         }
         sums.within_m2 = sums.within_m2.min(sums.rows as f64 * bench.records[index].noise_m.powi(2));
@@ -564,6 +602,38 @@ mod tests {
                 Normal { logs: vec![Sums { kept: there.logs[0].kept.clone(), ..here.logs[0].clone() }], ..here };
             assert!((back2_m2(&stale) / is_m2 - 1.0).abs() > 1e-5, "{} {is_m2}", back2_m2(&stale));
         }
+    }
+
+    /// Squares that are known are not played again, and nothing else differs.
+    #[test]
+    fn what_is_known_of_a_place_is_taken_over() {
+        let model = thesis();
+        let mut log = Log {
+            dt_s: 5e-5,
+            displacement_m: vec![1e-7; 9000],
+            command_v: (0..9000).map(|k| 50.0 * (0.013 * f64::from(k)).sin()).collect(),
+            ..Log::default()
+        };
+        log.displacement_m[500] = 2e-7;
+        let lost =
+            Record { is_lost: (0..9000).map(|row| row % 700 == 0).collect(), ..record(&log, &model.chain(), None) };
+        let bench = Bench::new(&model, vec![lost]);
+        let hypothesis = Hypothesis::nominal(Freedom::Rest);
+        let (z, simulations) = (bench.origin(&hypothesis), AtomicUsize::new(0));
+        let sums = |sensitivities| evaluate(&bench, &hypothesis, &z, sensitivities, &simulations);
+        let (there, played) = (sums(Sensitivities::Carried { thinned: true }), sums(Sensitivities::Thinned));
+        let again = |known| evaluate_again(&bench, &hypothesis, &z, Sensitivities::Thinned, Some(known), &simulations);
+        let all = |normal: &Normal| {
+            let Sums { products, gradient, squares_m2, within_m2, rows, thin, kept } = normal.logs[0].clone();
+            let residuals_m: Vec<DVector<f64>> = kept.into_iter().map(|kept| kept.residuals_m).collect();
+            (products, gradient, [squares_m2, within_m2], [rows, thin], residuals_m)
+        };
+        assert!(bench.thinned[0].is_some() && all(&played).1.norm() > 0.0);
+        assert_eq!(all(&again(&there)), all(&played));
+        // They are taken over indeed.
+        let mut other = there.clone();
+        other.logs[0].squares_m2 *= 2.0;
+        assert_eq!(again(&other).logs[0].squares_m2, 2.0 * played.logs[0].squares_m2);
     }
 
     /// What only the sensor makes of a displacement needs no plant of its own, and comes out the same to the last digit.

@@ -1,7 +1,7 @@
 //! Low-passes in motion: exact responses to straight lines (the drive's side) and to cubics (the sensor's side).
 
 use super::path::Piece;
-use nalgebra::Complex;
+use nalgebra::{Complex, ComplexField};
 
 /// A linear low-pass with unit gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +54,19 @@ const NEGLIGIBLE_S: f64 = 1e-12;
 /// How far a damping ratio keeps from 1, where the two poles of a second-order lag meet and the closed forms divide by zero. The
 /// response changes by about as much.
 const APART: f64 = 1e-6;
+
+/// A term of the series below that adds nothing.
+const ROUNDING: f64 = 1e-18;
+/// 1/n and 1/(n + 2) for n from one on: 1/18! is below rounding.
+const SERIES: [[f64; 2]; 18] = {
+    let mut series = [[0.0; 2]; 18];
+    let mut n = 0;
+    while n < series.len() {
+        series[n] = [1.0 / (n + 1) as f64, 1.0 / (n + 3) as f64];
+        n += 1;
+    }
+    series
+};
 
 /// Output of a lag and, for one of second order, the output's slope.
 #[derive(Clone, Debug, Default)]
@@ -286,25 +299,39 @@ fn moments([c0, c1, c2, c3]: [f64; 4], t: f64) -> Moments {
     }
 }
 
-/// exp(rate t) and its moments up to the second. Where little decays, the closed forms would lose their digits in differences.
+/// exp(rate t) and its moments up to the second.
 fn decay(rate: Complex<f64>, t: f64) -> Decay {
-    let z = rate * t;
-    let end = z.exp();
-    if z.norm() < 1.0 {
-        // Integral of s^k exp(z s) over [0, 1] = sum of z^n / (n! (n + k + 1)); 1/18! is below rounding.
-        let mut term = Complex::new(1.0, 0.0);
-        let mut sums = [Complex::new(0.0, 0.0); 3];
-        for n in 0..18 {
-            for (k, sum) in sums.iter_mut().enumerate() {
-                *sum += term / (n + k + 1) as f64;
-            }
-            term = term * z / (n + 1) as f64;
-        }
-        return Decay { end, moments: [sums[0] * t, sums[1] * t * t, sums[2] * t * t * t] };
+    // Most lags are of first order, and real numbers cost a third.
+    if rate.im == 0.0 {
+        let (end, moments) = decaying(rate.re, t);
+        return Decay { end: end.into(), moments: moments.map(Complex::from) };
     }
-    let zeroth = (end - 1.0) / rate;
-    let first = (end * t - zeroth) / rate;
-    Decay { end, moments: [zeroth, first, (end * t * t - first * 2.0) / rate] }
+    let (end, moments) = decaying(rate, t);
+    Decay { end, moments }
+}
+
+/// The same. Where little decays, the closed forms would lose their digits in differences.
+fn decaying<T: ComplexField<RealField = f64> + Copy>(rate: T, t: f64) -> (T, [T; 3]) {
+    let real = T::from_real;
+    let z = rate.scale(t);
+    let end = z.exp();
+    if z.norm1() < 1.0 {
+        // Integral of s^2 exp(z s) over [0, 1] = sum of z^n / (n! (n + 3)); of what comes before, (exp(z) - k times it) = z times the one after.
+        let (mut term, mut second) = (real(1.0), T::zero());
+        for [factorial, moment] in SERIES {
+            second += term.scale(moment);
+            term *= z.scale(factorial);
+            if term.norm1() < ROUNDING {
+                break;
+            }
+        }
+        let first = (end - z * second).scale(0.5);
+        let zeroth = end - z * first;
+        return (end, [zeroth.scale(t), first.scale(t * t), second.scale(t * t * t)]);
+    }
+    let zeroth = (end - real(1.0)) / rate;
+    let first = (end.scale(t) - zeroth) / rate;
+    (end, [zeroth, first, (end.scale(t * t) - first.scale(2.0)) / rate])
 }
 
 impl Moments {

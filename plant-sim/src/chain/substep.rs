@@ -19,8 +19,11 @@ use std::f64::consts::TAU;
 
 /// Largest product of the fastest mechanical rate and a sub-step.
 const SUBSTEP: f64 = 0.3;
-/// The same of coarse laws: paths are off by a nanometre or two then.
-const COARSE_SUBSTEP: f64 = 0.6;
+/// The same of coarse laws, for the rates that they add: paths are off by a nanometre or two then.
+const COARSE_SUBSTEP: f64 = 0.8;
+/// .. and for the plant's own under forces of place: the engine follows the plant whatever the path, and on rows that are far apart such a force is off by
+/// a percent or two.
+const COARSE_OWN_SUBSTEP: f64 = 1.2;
 /// Most sub-steps in a sample, but for slow ones.
 const MOST: f64 = 64.0;
 /// Rows slower than this, in seconds, may have as many times more for stiff laws, and at the most so many times: a search tries laws that
@@ -169,18 +172,21 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     }
     let (substep, most, shorter) =
         if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST, 1.0) } else { (SUBSTEP, MOST, 2.0) };
+    let are_of_place = parts.bends.is_empty() && !parts.forces.iter().any(is_friction);
+    let own_substep = if parts.is_coarse && are_of_place { COARSE_OWN_SUBSTEP } else { substep };
     // Where a rate times a sub-step is 3, the cubic that foresees the path lies metres off and the plant runs away: 1 is far enough from that.
     let whole = |steps: f64| steps.log2().ceil().exp2();
     let least = whole(rate * sample_s);
     let most = most.max(least);
     let most_of_laws = most * whole(sample_s / USUAL_ROW_S).clamp(1.0, MOST_SLOWER);
-    let count = |rate: f64, of_laws: f64| {
+    let own = rate / own_substep;
+    let count = |added: f64, of_laws: f64| {
         let most = most.max(whole(of_laws * sample_s).min(most_of_laws)).min(MOST_EVER);
-        whole(rate * sample_s / substep).max(1.0).min(most) as usize
+        whole(own.max(added / substep) * sample_s).max(1.0).min(most) as usize
     };
-    let idle = count(rate, 0.0);
+    let idle = count(0.0, 0.0);
     // What is added and stiff is foreseen by the path alone, so it gets shorter steps.
-    let rate = rate.max((added / plant.mass_kg).sqrt() * shorter);
+    let added = (added / plant.mass_kg).sqrt() * shorter;
     // A widening acts like a damper.
     let widening: f64 = Leak::of(plant, &parts.bends, parts.is_coarse).iter().map(Leak::damping_n_s_per_m).sum();
     // So does a contact that loses energy, as far in as such contacts go.
@@ -191,8 +197,13 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     };
     let losses: f64 = parts.forces.iter().map(lossy).sum();
     let damped = 4.0 * (widening + losses) / plant.mass_kg;
-    let count_of_laws = count(rate.max(damped), damped.max((lasting / plant.mass_kg).sqrt()));
+    let count_of_laws = count(added.max(damped), damped.max((lasting / plant.mass_kg).sqrt()));
     [count_of_laws, if may_be_idle(parts) { idle } else { count_of_laws }]
+}
+
+/// Whether it is a force of velocity alone.
+fn is_friction(force: &Force) -> bool {
+    matches!(force, Force::Smooth { .. } | Force::Power { .. })
 }
 
 /// Whether a force of place has a largest value.
@@ -235,7 +246,6 @@ impl Laws {
         });
         // A power below one is steep where it is straight: an error above that speed would jump to and fro across zero.
         let singular = forces.iter().any(|f| matches!(f, Force::Power { exponent, .. } if *exponent < 1.0));
-        let friction = |f: &Force| matches!(f, Force::Smooth { .. } | Force::Power { .. });
         let inner = match (is_coarse, singular) {
             (true, true) => COARSE_SINGULAR_INNER,
             (true, false) => COARSE_INNER,
@@ -257,8 +267,8 @@ impl Laws {
             rounds: if is_coarse { 1 } else { 3 },
             sliding: if is_coarse { COARSE_SLIDING } else { SLIDING },
             quadrature: Quadrature::of(forces, is_coarse),
-            elastic: forces.iter().any(|f| !friction(f)),
-            friction: forces.iter().any(friction),
+            elastic: forces.iter().any(|force| !is_friction(force)),
+            friction: forces.iter().any(is_friction),
             rates: vec![0.0; states],
         };
         if singular {
@@ -581,7 +591,9 @@ fn elastic_n(plant: &Phs, forces: &[Force], slid: &[f64], by_m: f64, [q, w]: [f6
             Force::OneSided { stiffness_n_per_m } => stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m) * q.max(0.0),
             Force::Gradual { stiffness_n_per_m, at_m, width_m } => {
                 let half_n_per_m = 0.5 * stiffness_n_per_m.max(-0.9 * plant.stiffness_n_per_m);
-                half_n_per_m * (q + (q - at_m).hypot(width_m) - at_m.hypot(width_m))
+                // Not `hypot`, which is slow for numbers that need no such care.
+                let bent_m = |from_m: f64| (from_m * from_m + width_m * width_m).sqrt();
+                half_n_per_m * (q + bent_m(q - at_m) - bent_m(at_m))
             }
             Force::Presliding { coulomb_n, presliding_m } => coulomb_n * dragged(z, by_m, presliding_m),
             Force::Slider { coulomb_n, slip_m } => coulomb_n * stretched(z, by_m, slip_m),

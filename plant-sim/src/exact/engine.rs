@@ -300,31 +300,61 @@ impl<const N: usize> Engine<N> {
         if duration_s == 0.0 {
             return;
         }
-        if self.coarsest[span] == 0 {
-            let region = &self.regions[self.region];
-            let (map, offset) = &region.whole[span];
-            let y = self.moved::<ORDER>(map, &self.with_rates(map, offset), push);
-            let (pull, drive) = (self.pull(&y), self.force[VELOCITY]);
-            let ends = [self.pull + drive * push.force_n, pull + drive * push.after(duration_s).force_n];
-            if self.stayed(region, &y, duration_s, ends) {
-                audit.map(self, span, 0, push.force_n);
-                self.x = y;
-                self.pull = pull;
-                return;
-            }
+        let coarsest = self.coarsest[span];
+        let left_s = if coarsest > 0 {
+            self.longest_moves::<ORDER, A>(span, push, coarsest, audit)
+        } else if self.moves::<ORDER, A>(span, push, duration_s, audit) {
+            return;
+        } else {
+            duration_s
+        };
+        if left_s > 0.0 {
+            self.walk::<ORDER, A>(span, push, left_s, audit);
+            self.pull = self.pull(&self.x);
         }
-        self.walk::<ORDER, A>(span, push, audit);
-        self.pull = self.pull(&self.x);
     }
 
-    /// The slow path: descends the ladder where a whole move is not certain, and crosses edges.
+    /// Makes the longest move of a span, `move_s`, if it is certain.
+    #[inline(always)]
+    fn moves<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, move_s: f64, audit: &mut A) -> bool {
+        let region = &self.regions[self.region];
+        let (map, offset) = &region.whole[span];
+        let y = self.moved::<ORDER>(map, &self.with_rates(map, offset), push);
+        let (pull, drive) = (self.pull(&y), self.force[VELOCITY]);
+        let ends = [self.pull + drive * push.force_n, pull + drive * push.after(move_s).force_n];
+        if !self.stayed(region, &y, move_s, ends) {
+            return false;
+        }
+        audit.map(self, span, 0, push.force_n);
+        (self.x, self.pull) = (y, pull);
+        true
+    }
+
+    /// Makes such moves, of which a span has more than one, as long as each is certain; returns what is left of the span, in seconds.
     #[inline(never)]
-    fn walk<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, audit: &mut A) {
+    fn longest_moves<const ORDER: u8, A: Audit<N>>(
+        &mut self,
+        span: usize,
+        push: Push,
+        coarsest: u32,
+        audit: &mut A,
+    ) -> f64 {
+        let (moves, move_s) = (1_u64 << coarsest, self.durations_s[span] * halved(coarsest));
+        for number in 0..moves {
+            if !self.moves::<ORDER, A>(span, push.after(number as f64 * move_s), move_s, audit) {
+                return (moves - number) as f64 * move_s;
+            }
+        }
+        0.0
+    }
+
+    /// The slow path over the last `left_s` of a span: descends the ladder where a whole move is not certain, and crosses edges.
+    #[inline(never)]
+    fn walk<const ORDER: u8, A: Audit<N>>(&mut self, span: usize, push: Push, mut left_s: f64, audit: &mut A) {
         let duration_s = self.durations_s[span];
         let coarsest = self.coarsest[span];
         let drive = self.force[VELOCITY];
         let most_crossings = CROSSINGS_AT_ONCE * (1 + self.zones.len() as u32);
-        let mut left_s = duration_s;
         let mut crossings_at_once = 0;
         if !(push.after(duration_s).force_n + self.x.iter().sum::<f64>()).is_finite() {
             // Nothing to find in a state that is no number, and no move would ever be certain.
