@@ -640,6 +640,7 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::diagnose::thesis;
+    use plant_sim::replay::predict;
 
     /// Two numbers of which only the sum is seen: rounding decides whether they have a factor, and each is known to so many times what it would be.
     #[test]
@@ -652,6 +653,41 @@ mod tests {
         let apart = DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 4.0]);
         assert_eq!(factor(apart.clone()).map(|f| f.l()), apart.cholesky().map(|f| f.l()));
         assert!(factor(DMatrix::from_element(1, 1, -1.0)).is_none());
+    }
+
+    /// Sensitivities on a thinned log against the means of those on all rows, whatever the latency: what is left is that a row's commands count as one.
+    #[test]
+    fn a_row_of_a_thinned_log_stands_for_those_that_it_replaces() {
+        let model = thesis();
+        let wave = |hz: f64, t: f64| (TAU * hz * t).sin();
+        for rows_late in [0.0, 0.2, 1.0, 1.5, 2.0, 3.0, 4.6, 6.0] {
+            let command_v =
+                (0..20_000).map(|k| 5e-5 * f64::from(k)).map(|t| 30.0 * wave(7.0, t) + 8.0 * wave(130.0, t));
+            let mut log = Log { dt_s: 5e-5, command_v: command_v.collect(), ..Log::default() };
+            log.displacement_m = vec![0.0; log.command_v.len()];
+            log.meta.latency_s = rows_late * log.dt_s;
+            let thinned = thinned(&log, ROWS_PER_PERIOD * 500.0).expect("a log that is worth thinning");
+            let played = |log: &Log, more: f64| {
+                let mut chain = model.chain();
+                chain.plant.stiffness_n_per_m *= 1.0 + more;
+                predict(&chain, log, &Start::relaxed(&chain), log.command_v.len())
+            };
+            let slopes = |log: &Log| -> Vec<f64> {
+                played(log, 1e-4).iter().zip(played(log, 0.0)).map(|(moved, here)| moved - here).collect()
+            };
+            let of_rows = slopes(&log);
+            let means = of_rows.chunks(thinned.factor).map(|rows| rows.iter().sum::<f64>() / rows.len() as f64);
+            let (mut missed2, mut all2) = (0.0, 0.0);
+            for (mean, one) in means.zip(slopes(&thinned.log)) {
+                missed2 += (mean - one).powi(2);
+                all2 += mean * mean;
+            }
+            let missed = f64::sqrt(missed2 / all2);
+            println!("{rows_late} rows late, {} in one: {missed}", thinned.factor);
+            // Half of a thinned row is what its latency may be off by, and nothing where it is a whole one less what a mean lies later.
+            let most = if rows_late == 1.5 { 1e-3 } else { 0.02 };
+            assert!(missed < most, "{rows_late} rows: {missed}");
+        }
     }
 
     #[test]
