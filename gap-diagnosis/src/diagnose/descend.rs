@@ -87,12 +87,11 @@ pub fn descend(
     if bench.thinned.iter().any(Option::is_some) {
         phases.extend(stages.last().map(|&stage| (stage, Sensitivities::All)));
     }
-    // Sums with sensitivities, and the steps since these were taken.
-    let taken = |z: &[f64], sensitivities| (evaluate(bench, hypothesis, z, sensitivities, simulations), 0);
-    let taken_at = |z: &[f64], sensitivities, there: &Normal| {
-        (evaluate_again(bench, hypothesis, z, sensitivities, Some(there), simulations), 0)
+    // Sums with sensitivities, and the steps since these were taken; of what a step was accepted for the squares are known.
+    let taken = |z: &[f64], sensitivities, known: Option<&Normal>| {
+        (evaluate_again(bench, hypothesis, z, sensitivities, known, simulations), 0)
     };
-    let (mut normal, mut carried) = taken(&z, Sensitivities::Thinned);
+    let (mut normal, mut carried) = taken(&z, Sensitivities::Thinned, None);
     // Whether the sums are of squares alone, where all rows come next; and whether none do.
     let (mut is_bare, mut is_given_up) = (false, false);
     for (index, &(softness, sensitivities)) in phases.iter().enumerate() {
@@ -101,7 +100,7 @@ pub fn descend(
             if is_given_up || is_beyond(&normal, FAR) {
                 break;
             }
-            (normal, carried) = taken(&z, sensitivities);
+            (normal, carried) = taken(&z, sensitivities, None);
             is_bare = false;
         }
         let are_all_next = phases.get(index + 1).is_some_and(|(_, next)| *next != sensitivities);
@@ -121,7 +120,7 @@ pub fn descend(
                 if carried == 0 {
                     break;
                 }
-                (normal, carried) = taken(&z, sensitivities);
+                (normal, carried) = taken(&z, sensitivities, None);
                 continue;
             };
             z = step.z;
@@ -147,7 +146,7 @@ pub fn descend(
             };
             (normal, carried) = match step.carried.filter(|_| may_carry && is_as_promised) {
                 Some(next) => (next, carried + 1),
-                None => taken_at(&z, sensitivities, &step.there),
+                None => taken(&z, sensitivities, Some(&step.there)),
             };
             if is_over {
                 break;
@@ -155,7 +154,7 @@ pub fn descend(
         }
     }
     if is_bare {
-        (normal, _) = taken(&z, Sensitivities::Thinned);
+        (normal, _) = taken(&z, Sensitivities::Thinned, None);
     }
     let (data_cost, prior_cost) = (normal.cost(&noise), prior_cost(&rules, &z, bench.free.len()));
     Found { data_cost, prior_cost, z, normal: normal.settled() }

@@ -386,15 +386,13 @@ pub fn evaluate_again(
         let mut lockstep = Lockstep::new(bench, hypothesis, z, index, sensitivities);
         let count = lockstep.moved.len();
         simulations.fetch_add(1 + count, Ordering::Relaxed);
-        let is_of_all_rows = lockstep.thinned.is_none();
-        let known = known.map(|known| &known.logs[index]).filter(|known| !is_of_all_rows && !known.kept.is_empty());
+        let known = known.map(|known| &known.logs[index]);
+        let known = known.filter(|known| lockstep.thinned.is_some() && !known.kept.is_empty());
         let thin = lockstep.thin;
-        let mut sums = match known {
-            Some(&Sums { squares_m2, within_m2, rows, .. }) => {
-                Sums { squares_m2, within_m2, rows, thin, ..Sums::of(count) }
-            }
-            None => Sums { thin, ..Sums::of(count) },
-        };
+        let mut sums = Sums { thin, ..Sums::of(count) };
+        if let Some(known) = known {
+            (sums.squares_m2, sums.within_m2, sums.rows) = (known.squares_m2, known.within_m2, known.rows);
+        }
         let n = bench.records[index].log.len();
         let keeps = match sensitivities {
             Sensitivities::None => false,

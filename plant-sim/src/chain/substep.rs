@@ -21,9 +21,9 @@ use std::f64::consts::TAU;
 const SUBSTEP: f64 = 0.3;
 /// The same of coarse laws, for the rates that they add: paths are off by a nanometre or two then.
 const COARSE_SUBSTEP: f64 = 0.8;
-/// .. and for the plant's own under forces of place: the engine follows the plant whatever the path, and on rows that are far apart such a force is off by
-/// a percent or two.
-const COARSE_OWN_SUBSTEP: f64 = 1.2;
+/// .. and for the plant's own under forces of place, in rows that are one sub-step then: the engine follows the plant whatever the path, and such a force
+/// is off by a percent or two.
+const COARSE_ROW: f64 = 1.2;
 /// Most sub-steps in a sample, but for slow ones.
 const MOST: f64 = 64.0;
 /// Rows slower than this, in seconds, may have as many times more for stiff laws, and at the most so many times: a search tries laws that
@@ -173,13 +173,13 @@ pub(super) fn substeps(plant: &Phs, parts: &Parts, stroke_m: f64, sample_s: f64)
     let (substep, most, shorter) =
         if parts.is_coarse { (COARSE_SUBSTEP, COARSE_MOST, 1.0) } else { (SUBSTEP, MOST, 2.0) };
     let are_of_place = parts.bends.is_empty() && !parts.forces.iter().any(is_friction);
-    let own_substep = if parts.is_coarse && are_of_place { COARSE_OWN_SUBSTEP } else { substep };
+    let is_one_step = parts.is_coarse && are_of_place && rate * sample_s <= COARSE_ROW;
+    let own = rate / if is_one_step { COARSE_ROW } else { substep };
     // Where a rate times a sub-step is 3, the cubic that foresees the path lies metres off and the plant runs away: 1 is far enough from that.
     let whole = |steps: f64| steps.log2().ceil().exp2();
     let least = whole(rate * sample_s);
     let most = most.max(least);
     let most_of_laws = most * whole(sample_s / USUAL_ROW_S).clamp(1.0, MOST_SLOWER);
-    let own = rate / own_substep;
     let count = |added: f64, of_laws: f64| {
         let most = most.max(whole(of_laws * sample_s).min(most_of_laws)).min(MOST_EVER);
         whole(own.max(added / substep) * sample_s).max(1.0).min(most) as usize
